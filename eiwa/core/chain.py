@@ -1,0 +1,250 @@
+"""A serial chain of revolute, prismatic and fixed joints, its forward map and geometric Jacobian.
+
+Inside, every joint is turned to move about or along z. The formulas are written on columns once; constants that are exactly
+0 or +-1 in a rotation, and exactly 0 in a translation, are folded at tracing, all others stay parameters of the kernel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eiwa.core.errors import SpecError, finding
+from eiwa.core.interfaces import ArmColumns, Array, TracedArm, compiled_map
+from eiwa.core.symbols import Column, cross, sincos
+from eiwa.core.transforms import Transform, align_z, frozen, inverse
+
+MAX_JOINTS = 12
+
+Kind = Literal["revolute", "prismatic", "fixed"]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint: ``T_parent_joint`` at zero, then a motion about (revolute, [rad]) or along (prismatic, [m]) ``axis``.
+
+    ``limits`` may be None for a revolute joint, which then covers a full turn and is not penalised.
+    """
+
+    name: str
+    kind: Kind
+    T_parent_joint: Transform
+    limits: tuple[float, float] | None = None
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SerialChain(TracedArm):
+    """A frozen serial chain from its base frame to its tip.
+
+    Parameters
+    ----------
+    joints
+        In order from the base; 1-12 of them movable.
+    T_last_tip
+        The tool in the last joint's frame.
+    T_base_first
+        The first joint's parent frame in the arm's base frame.
+    singular_hint
+        What :meth:`when_singular` answers, computed when asked.
+
+    Raises
+    ------
+    SpecError
+        No movable joint, too many, limits that are not finite or not increasing, an unlimited prismatic joint.
+    """
+
+    joints: tuple[Joint, ...]
+    T_last_tip: Transform
+    T_base_first: Transform
+    singular_hint: Any = None
+
+    def __post_init__(self) -> None:
+        movable = len(self.movable)
+        if not 1 <= movable <= MAX_JOINTS:
+            raise SpecError(
+                finding("arm.joints", f"{movable} movable joints; a chain has 1 to {MAX_JOINTS}.")
+            )
+        for joint in self.movable:
+            _check_limits(joint)
+
+    @cached_property
+    def movable(self) -> tuple[Joint, ...]:
+        """The joints that are not fixed."""
+        return tuple(j for j in self.joints if j.kind != "fixed")
+
+    @property
+    def dof(self) -> int:  # type: ignore[override]
+        """Number of movable joints."""
+        return len(self.movable)
+
+    @property
+    def limited(self) -> tuple[bool, ...]:  # type: ignore[override]
+        """Whether each movable joint has limits a penalty can use."""
+        return tuple(j.limits is not None and j.limits[0] < j.limits[1] for j in self.movable)
+
+    @cached_property
+    def lower(self) -> NDArray[np.float64]:
+        """Lower ends of the sampled ranges, shape (dof,) [rad or m]."""
+        return frozen([j.limits[0] if j.limits else -np.pi for j in self.movable])
+
+    @cached_property
+    def upper(self) -> NDArray[np.float64]:
+        """Upper ends of the sampled ranges, shape (dof,) [rad or m]."""
+        return frozen([j.limits[1] if j.limits else np.pi for j in self.movable])
+
+    @cached_property
+    def Ts_fixed(self) -> NDArray[np.float64]:
+        """What stands before each movable joint, and behind the last: shape (dof + 1, 4, 4)."""
+        Ts, T = [], np.array(self.T_base_first)
+        for joint in self.joints:
+            T = T @ joint.T_parent_joint
+            if joint.kind != "fixed":
+                T_joint_z = align_z(joint.axis)
+                Ts.append(T @ T_joint_z)
+                T = inverse(T_joint_z)
+        Ts.append(T @ self.T_last_tip)
+        Ts_fixed = np.array(Ts)
+        Ts_fixed[np.abs(Ts_fixed) < 1e-15] = 0.0
+        return frozen(Ts_fixed)
+
+    @cached_property
+    def _free(self) -> NDArray[np.bool_]:
+        """Which entries of the fixed transforms are parameters of the kernel."""
+        free = self.Ts_fixed[:, :3, :] != 0.0
+        free[:, :, :3] &= np.abs(self.Ts_fixed[:, :3, :3]) != 1.0
+        return free
+
+    @cached_property
+    def constants(self) -> NDArray[np.float64]:  # type: ignore[override]
+        """Ranges of the joints, then the free entries of the fixed transforms."""
+        ranges = np.stack([self.lower, self.upper - self.lower], axis=1).ravel()
+        return frozen(np.concatenate([ranges, self.Ts_fixed[:, :3, :][self._free]]))
+
+    @cached_property
+    def structure(self) -> Hashable:  # type: ignore[override]
+        """Kinds of joints and the pattern of folded entries."""
+        folded = np.where(self._free, 2.0, self.Ts_fixed[:, :3, :])
+        return tuple(j.kind for j in self.movable), self.limited, folded.tobytes()
+
+    @cached_property
+    def link_length(self) -> float:  # type: ignore[override]
+        """Sum of the distances between consecutive frames, tool included [m]."""
+        Ts = [joint.T_parent_joint for joint in self.joints] + [self.T_last_tip]
+        return float(sum(np.linalg.norm(T[:3, 3]) for T in Ts))
+
+    def when_singular(self) -> str:
+        """The hint of whoever built the chain."""
+        return str(self.singular_hint()) if self.singular_hint else ""
+
+    def to_u(self, q: Array) -> Array:
+        """Joint vectors as points of the unit cube (outside [0, 1] when beyond a limit)."""
+        return (np.asarray(q, float) - self.lower) / (self.upper - self.lower)
+
+    def columns(self, u: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
+        """Joint values from the unit cube, then :meth:`at`."""
+        q = [p[2 * j] + u[j] * p[2 * j + 1] for j in range(self.dof)]
+        return self.at(u, q, p[2 * self.dof :])
+
+    def at(self, u: Sequence[Column], q: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
+        """Forward map and geometric Jacobian at joint values ``q``, on columns."""
+        fixed = self._fixed_columns(list(p))
+        R: list[list[Column]] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+        o: list[Column] = [0.0, 0.0, 0.0]
+        axes, origins = [], []
+        for j, joint in enumerate(self.movable):
+            R, o = _compose(R, o, *fixed[j])
+            axis = [row[2] for row in R]
+            axes.append(axis)
+            origins.append(o)
+            if joint.kind == "revolute":
+                s, c = sincos(q[j])
+                R = [[c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]] for r in R]
+            else:
+                o = [a + q[j] * z for a, z in zip(o, axis, strict=True)]
+        R, tip = _compose(R, o, *fixed[-1])
+        twists = [self._twist(j, axes[j], origins[j], tip) for j in range(self.dof)]
+        jacobian = [[twist[row] for twist in twists] for row in range(6)]
+        return ArmColumns(u=u, q=q, tip=tip, rotation=R, jacobian=jacobian, limited=self.limited)
+
+    def _twist(self, j: int, axis: list[Column], origin: list[Column], tip: list[Column]) -> list[Column]:
+        if self.movable[j].kind == "prismatic":
+            return [*axis, 0.0, 0.0, 0.0]
+        return [*cross(axis, [t - a for t, a in zip(tip, origin, strict=True)]), *axis]
+
+    def _fixed_columns(self, p: list[Column]) -> list[tuple[list[list[Column]], list[Column]]]:
+        """Rotation and translation of every fixed transform, folded entries as floats, the others from ``p``."""
+        entries = iter(p)
+        result = []
+        for T, free in zip(self.Ts_fixed, self._free, strict=True):
+            rows = [[next(entries) if free[i, k] else float(T[i, k]) for k in range(4)] for i in range(3)]
+            result.append(([row[:3] for row in rows], [row[3] for row in rows]))
+        return result
+
+    def tips(self, u: Array) -> Array:
+        """Tip positions (n, 3) [m] alone, at points of the unit cube."""
+        key = (type(self), self.structure, "tips")
+        function = compiled_map(key, lambda u, p: self.columns(u, p).tip, self.dof, len(self.constants))
+        return function(u, self.constants)
+
+    def forward(self, q: Array, precision: Any = np.float64) -> tuple[Array, Array, Array]:
+        """Tips, orientations and geometric Jacobians at joint vectors, limits not regarded.
+
+        Parameters
+        ----------
+        q
+            Joint vectors, shape (n, dof) [rad or m].
+        precision
+            ``numpy.float64`` or ``numpy.float32``.
+
+        Returns
+        -------
+        tips (n, 3) [m], orientations (n, 3, 3), Jacobians (n, 6, dof) at the tip in the base frame, linear rows first.
+        """
+        n, dof = np.shape(q)
+        if dof != self.dof:
+            raise ValueError(f"q has {dof} columns, the chain has {self.dof} joints")
+        p = self.constants[2 * dof :]
+        key = (type(self), self.structure, "forward")
+        out = compiled_map(key, self._forward_columns, dof, len(p), precision)(q, p)
+        return out[:, :3], out[:, 3:12].reshape(n, 3, 3), out[:, 12:].reshape(n, 6, dof)
+
+    def _forward_columns(self, q: Sequence[Column], p: Sequence[Column]) -> list[Column]:
+        arm = self.at(q, q, p)
+        return [
+            *arm.tip,
+            *(e for row in arm.rotation for e in row),
+            *(e for row in arm.jacobian for e in row),
+        ]
+
+
+def _compose(R: list[list[Column]], o: list[Column], Rf: list[list[Column]], tf: list[Column]) -> Any:
+    """Orientation and origin after a fixed transform."""
+    origin = [o[i] + _row_times(R[i], tf) for i in range(3)]
+    rotation = [[_row_times(R[i], [Rf[k][j] for k in range(3)]) for j in range(3)] for i in range(3)]
+    return rotation, origin
+
+
+def _row_times(row: Sequence[Column], vector: Sequence[Column]) -> Column:
+    total: Column = 0.0
+    for a, b in zip(row, vector, strict=True):
+        total = total + a * b
+    return total
+
+
+def _check_limits(joint: Joint) -> None:
+    path = f"arm.joints.{joint.name}.limits"
+    if joint.limits is None:
+        if joint.kind == "prismatic":
+            raise SpecError(
+                finding(path, "a prismatic joint needs limits.", remedy="Write limits = [low, high] in m.")
+            )
+        return
+    low, high = joint.limits
+    if not (np.isfinite(low) and np.isfinite(high) and low <= high):
+        raise SpecError(finding(path, "limits must be finite and increase.", value=[low, high]))

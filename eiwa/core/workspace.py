@@ -1,0 +1,120 @@
+"""Grids of voxels, and the way from a tip in a base frame to a cell of a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eiwa.core.compiled import compiled, floor
+from eiwa.core.transforms import Transform
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Cubic cells of size r [m] whose faces lie at integer multiples of r.
+
+    ``origin`` is the index of the first cell along x, y, z: cell (0, 0, 0) spans origin * r to (origin + 1) * r.
+    """
+
+    r: float
+    origin: tuple[int, int, int]
+    shape: tuple[int, int, int]
+
+    @classmethod
+    def covering(cls, box: NDArray[np.float64], r: float) -> Grid:
+        """The smallest grid that holds a box [[low], [high]], shape (2, 3) [m]."""
+        # A bound that is a face up to rounding does not open another layer of cells.
+        low = np.floor(box[0] / r + 1e-9).astype(int)
+        high = np.ceil(box[1] / r - 1e-9).astype(int)
+        x, y, z = (int(v) for v in low)
+        nx, ny, nz = (max(1, int(v)) for v in high - low)
+        return cls(r, (x, y, z), (nx, ny, nz))
+
+    @property
+    def cells(self) -> int:
+        """Number of cells."""
+        nx, ny, nz = self.shape
+        return nx * ny * nz
+
+    def centres(self, axis: int) -> NDArray[np.float64]:
+        """Cell centres along one axis [m]."""
+        return (self.origin[axis] + np.arange(self.shape[axis]) + 0.5) * self.r
+
+    def faces(self, axis: int) -> NDArray[np.float64]:
+        """Cell faces along one axis, one more than cells [m]."""
+        return (self.origin[axis] + np.arange(self.shape[axis] + 1)) * self.r
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether mirroring in x maps the grid onto itself."""
+        return 2 * self.origin[0] + self.shape[0] == 0
+
+
+@dataclass(frozen=True)
+class Target:
+    """A grid in some frame, and the pose of the arm's base in that frame."""
+
+    grid: Grid
+    T_grid_base: Transform
+
+    def to_cells(self) -> NDArray[np.float64]:
+        """The affine map (3, 4) from a tip in the base frame to cell coordinates."""
+        affine = self.T_grid_base[:3, :] / self.grid.r
+        affine[:, 3] -= self.grid.origin
+        return affine
+
+
+def packed(targets: Sequence[Target], dtype: Any) -> tuple[NDArray[Any], NDArray[np.int64]]:
+    """Affine maps (t, 12) and, per target, shape and number of the first cell in the common store (t, 4)."""
+    affines = np.array([t.to_cells().ravel() for t in targets], dtype)
+    cells = [t.grid.cells for t in targets]
+    offsets = np.concatenate([[0], np.cumsum(cells)])[:-1]
+    layout = np.array([[*t.grid.shape, o] for t, o in zip(targets, offsets, strict=True)], np.int64)
+    return affines, layout
+
+
+@compiled
+def locate(
+    x: Any,
+    y: Any,
+    z: Any,
+    raw: Any,
+    n: Any,
+    scale: Any,
+    threshold: Any,
+    affine: Any,
+    layout: Any,
+    cells: Any,
+    values: Any,
+) -> Any:
+    """Cells and normalised values of the samples that fall into one target.
+
+    ``raw`` is the index before normalisation, negative for samples without a solution, which are dropped. Values are
+    capped at 1; below the threshold they become -1. Returns how many entries of ``cells`` and ``values`` were written.
+    """
+    nx, ny, nz = np.int32(layout[0]), np.int32(layout[1]), np.int32(layout[2])
+    zero, one = np.int32(0), np.int32(1)
+    a0, a1, a2, a3 = affine[0], affine[1], affine[2], affine[3]
+    b0, b1, b2, b3 = affine[4], affine[5], affine[6], affine[7]
+    c0, c1, c2, c3 = affine[8], affine[9], affine[10], affine[11]
+    for s in range(n):
+        i = np.int32(floor(a0 * x[s] + a1 * y[s] + a2 * z[s] + a3))
+        j = np.int32(floor(b0 * x[s] + b1 * y[s] + b2 * z[s] + b3))
+        k = np.int32(floor(c0 * x[s] + c1 * y[s] + c2 * z[s] + c3))
+        inside = (i >= zero) & (i < nx) & (j >= zero) & (j < ny) & (k >= zero) & (k < nz) & (raw[s] >= 0)
+        cell = (i * ny + j) * nz + k
+        cells[s] = cell if inside else -one
+    offset = layout[3]
+    count = 0
+    for s in range(n):
+        cell = cells[s]
+        if cell >= 0:
+            v = min(raw[s] * scale, 1.0)
+            cells[count] = cell + offset
+            values[count] = v if v >= threshold else -1.0
+            count += 1
+    return count

@@ -1,0 +1,88 @@
+"""Yoshikawa's manipulability with the joint-limit penalty of Eq. (1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from eiwa.core.hookspecs import Parameters, Plugin, hookimpl, quantity
+from eiwa.core.interfaces import Arm, ArmColumns, Postures, TracedIndex
+from eiwa.core.linear import product, volume
+from eiwa.core.symbols import Column, expm1, maximum
+
+Row = Literal["x", "y", "z", "rx", "ry", "rz"]
+ROWS: tuple[Row, ...] = ("x", "y", "z", "rx", "ry", "rz")
+_NAMED = {"all": ROWS, "translation": ROWS[:3], "rotation": ROWS[3:]}
+
+
+class YoshikawaParameters(Parameters):
+    """Manipulability sqrt det(J Jt), penalised near joint limits: Eq. (1)."""
+
+    K: float | None = quantity(
+        None,
+        gt=0,
+        description="Scaling factor of Eq. (1). 12270 gives a factor of 0.95 at mid-range of six joints.",
+    )
+    K_scaled: float | None = quantity(
+        None,
+        gt=0,
+        description="Scale-free form K' = K 4^-N for N limited joints: the factor at mid-range is 1 - exp(-K').",
+    )
+    rows: Literal["all", "translation", "rotation"] | list[Row] = quantity(
+        "all", description="Rows of the Jacobian that the index looks at."
+    )
+
+    @model_validator(mode="after")
+    def _one_factor(self) -> Self:
+        if (self.K is None) == (self.K_scaled is None):
+            raise ValueError("give exactly one of K and K_scaled")
+        if not isinstance(self.rows, str) and (not self.rows or len(set(self.rows)) < len(self.rows)):
+            raise ValueError("rows must name at least one row, each once")
+        return self
+
+
+@dataclass(frozen=True)
+class Yoshikawa(TracedIndex):
+    """w (1 - exp(-K prod_j u_j (1 - u_j))) with w the product of J's singular values in the chosen rows.
+
+    With fewer joints than rows, w = sqrt det(Jt J). Joints without a range leave the product, which is clipped at 0
+    outside the limits.
+    """
+
+    K: float | None
+    K_scaled: float | None
+    rows: tuple[int, ...]
+
+    @property
+    def structure(self) -> tuple[int, ...]:  # type: ignore[override]
+        """The chosen rows; everything else is a parameter of the kernel."""
+        return self.rows
+
+    def prepare(self, arm: Arm, pilot: Postures) -> NDArray[np.float64]:
+        """K' = K 4^-N over the N limited joints."""
+        joints = sum(arm.limited)
+        return np.array([self.K_scaled if self.K is None else self.K * 4.0**-joints])
+
+    def columns(self, arm: ArmColumns, p: Sequence[Column]) -> Column:
+        """Eq. (1) on columns."""
+        w = volume([arm.jacobian[row] for row in self.rows])
+        penalised = [u for u, limited in zip(arm.u, arm.limited, strict=True) if limited]
+        margin = product([maximum(4.0 * u * (1.0 - u), 0.0) for u in penalised])
+        return w * -expm1(-p[0] * margin)
+
+
+def _build(parameters: YoshikawaParameters) -> Yoshikawa:
+    names = _NAMED[parameters.rows] if isinstance(parameters.rows, str) else parameters.rows
+    rows = tuple(sorted(ROWS.index(name) for name in names))
+    return Yoshikawa(parameters.K, parameters.K_scaled, rows)
+
+
+@hookimpl
+def eiwa_dexterities() -> list[Plugin]:
+    """The index of the paper."""
+    return [Plugin("yoshikawa", YoshikawaParameters, _build)]

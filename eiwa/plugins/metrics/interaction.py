@@ -1,0 +1,135 @@
+"""Metrics of the ergonomic interaction workspace: Eq. (4), its share F, and what surrounds it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from eiwa.core.evaluation import Measurement
+from eiwa.core.hookspecs import Number, Parameters, Plugin, hookimpl, quantity
+from eiwa.core.interfaces import Array, Metric
+
+Volume = Literal["sum", "union"]
+
+
+class FParameters(Parameters):
+    """F = V_I / V_R: share of the ergonomic workspace that is dexterous, Eq. (4)."""
+
+    volume: Volume = quantity(
+        "sum", description="V_R: 'sum' of E_left + E_right, or 'union', the number of cells with E > 0."
+    )
+
+
+@dataclass(frozen=True)
+class F(Metric):
+    """V_I = sum (E_left + E_right) V_dual over V_R; its spread over replicates; its change from N/2 to N."""
+
+    parameters: FParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """F of replicate 0, the standard deviation over full-size replicates, F(N) - F(N/2)."""
+        values = [self.ratio(r.E_sum, r.V_dual) for r in measurement.replicates]
+        first = measurement.first
+        return {
+            "F": values[0],
+            "F_se": float(np.std(values, ddof=1)) if len(values) > 1 else None,
+            "F_drift": values[0] - self.ratio(first.E_sum, first.V_dual_half),
+        }
+
+    def ratio(self, E_sum: Array, V_dual: Array) -> float:
+        """V_I / V_R, 0 for an empty ergonomic workspace."""
+        V_R = E_sum.sum() if self.parameters.volume == "sum" else np.count_nonzero(E_sum)
+        return float((E_sum * V_dual).sum() / V_R) if V_R > 0 else 0.0
+
+
+class FVolumeParameters(Parameters):
+    """Share of the ergonomic volume where V_dual reaches the isovalue."""
+
+    isovalue: float = quantity(
+        0.3, ge=0, le=1, source="the paper, Fig. 3", description="Least V_dual that counts."
+    )
+
+
+@dataclass(frozen=True)
+class FVolume(Metric):
+    """Cells with E > 0 and V_dual >= isovalue, over cells with E > 0."""
+
+    parameters: FVolumeParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The share, replicate 0."""
+        ergonomic = measurement.first.E_sum > 0
+        passed = ergonomic & (measurement.first.V_dual >= self.parameters.isovalue)
+        return {"F_volume": float(passed.sum() / max(1, ergonomic.sum()))}
+
+
+class MeanDexterityParameters(Parameters):
+    """Mean of V_dual over the cells with E > 0."""
+
+
+@dataclass(frozen=True)
+class MeanDexterity(Metric):
+    """How dexterous the arms are where the hands are comfortable, every cell counted alike."""
+
+    parameters: MeanDexterityParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The mean, replicate 0."""
+        inside = measurement.first.V_dual[measurement.first.E_sum > 0]
+        return {"mean_dexterity": float(inside.mean()) if inside.size else 0.0}
+
+
+class SingletonsParameters(Parameters):
+    """f1/N: share of samples alone in their voxel, an alarm for under-sampling (Good-Turing)."""
+
+
+@dataclass(frozen=True)
+class Singletons(Metric):
+    """Voxels of E's grid with exactly one sample over the samples that fell into it, both arms, before any threshold.
+
+    It estimates the probability that the next sample opens a new voxel.
+    """
+
+    parameters: SingletonsParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The share, replicate 0; 1 where no sample fell into the grid."""
+        hits = np.concatenate(
+            [side.hits.ravel() for side in (measurement.first.V.right, measurement.first.V.left)]
+        )
+        total = int(hits.sum())
+        return {"singletons": float(np.count_nonzero(hits == 1) / total) if total else 1.0}
+
+
+@hookimpl
+def eiwa_metrics() -> list[Plugin]:
+    """F and its company."""
+    return [
+        Plugin(
+            "F",
+            FParameters,
+            F,
+            (
+                Number("F", "", "share of the ergonomic workspace that is dexterous"),
+                Number("F_se", "", "standard deviation of F over full-size replicates"),
+                Number("F_drift", "", "F at N samples less F at N/2"),
+            ),
+        ),
+        Plugin(
+            "F_volume", FVolumeParameters, FVolume, (Number("F_volume", "", "share with V_dual >= isovalue"),)
+        ),
+        Plugin(
+            "mean_dexterity",
+            MeanDexterityParameters,
+            MeanDexterity,
+            (Number("mean_dexterity", "", "mean V_dual inside E"),),
+        ),
+        Plugin(
+            "singletons",
+            SingletonsParameters,
+            Singletons,
+            (Number("singletons", "", "f1/N, under-sampling alarm"),),
+        ),
+    ]

@@ -1,0 +1,100 @@
+"""Metrics of the arms themselves: how large they are and what they reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from eiwa.core.evaluation import Measurement
+from eiwa.core.hookspecs import Number, Parameters, Plugin, hookimpl
+from eiwa.core.interfaces import Metric
+
+
+class ReachParameters(Parameters):
+    """Largest distance of the tip from the base origin, within the joint limits."""
+
+
+@dataclass(frozen=True)
+class Reach(Metric):
+    """Found by the same deterministic search as the normaliser, so free of sampling error."""
+
+    parameters: ReachParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The reach [m]."""
+        return {"reach": measurement.dexterity.reach}
+
+
+class LinkLengthParameters(Parameters):
+    """Sum of the distances between consecutive joint frames, tool included."""
+
+
+@dataclass(frozen=True)
+class LinkLength(Metric):
+    """None for an arm that has no such length."""
+
+    parameters: LinkLengthParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The length [m]."""
+        return {"total_link_length": measurement.setup.arm.link_length}
+
+
+class SharedVolumeParameters(Parameters):
+    """Volume that is dexterous for both arms, anywhere in W."""
+
+
+@dataclass(frozen=True)
+class SharedVolume(Metric):
+    """Cells where both arms have a sample above the threshold."""
+
+    parameters: SharedVolumeParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The volume [m3], replicate 0."""
+        whole = measurement.whole
+        cells = np.count_nonzero((whole.right.values > 0) & (whole.left.values > 0))
+        return {"shared_volume": float(cells * whole.grid.r**3)}
+
+
+class DexterousVolumeParameters(Parameters):
+    """Volume of one arm's dexterous workspace, in its base frame."""
+
+
+@dataclass(frozen=True)
+class DexterousVolume(Metric):
+    """Cells with a sample above the threshold; the two arms are equal."""
+
+    parameters: DexterousVolumeParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The volume [m3], replicate 0."""
+        cells = np.count_nonzero(measurement.mmdw.values > 0)
+        return {"dexterous_volume": float(cells * measurement.setup.r**3)}
+
+
+@hookimpl
+def eiwa_metrics() -> list[Plugin]:
+    """Size and volumes."""
+    return [
+        Plugin("reach", ReachParameters, Reach, (Number("reach", "m", "largest distance of tip and base"),)),
+        Plugin(
+            "total_link_length",
+            LinkLengthParameters,
+            LinkLength,
+            (Number("total_link_length", "m", "sum of links"),),
+        ),
+        Plugin(
+            "shared_volume",
+            SharedVolumeParameters,
+            SharedVolume,
+            (Number("shared_volume", "m3", "dexterous for both arms"),),
+        ),
+        Plugin(
+            "dexterous_volume",
+            DexterousVolumeParameters,
+            DexterousVolume,
+            (Number("dexterous_volume", "m3", "dexterous for one arm"),),
+        ),
+    ]
