@@ -61,6 +61,7 @@ class Setup:
     threshold: float
     layout: Layout
     human: HumanModel
+    human_key: str
     operator: Operator
     backend: VoxelBackend
     r: float

@@ -6,6 +6,7 @@ The host validates the records, refuses a name that is taken, and never hands Op
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
@@ -32,11 +33,13 @@ def quantity(default: Any = ..., *, unit: str = "", source: str = "", **constrai
 
 @dataclass(frozen=True)
 class Number:
-    """One number that a metric yields."""
+    """One number that a metric yields, with the bounds that it can never leave."""
 
     name: str
     unit: str
     description: str
+    low: float = -math.inf
+    high: float = math.inf
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from eiwa.core.chain import Joint, SerialChain
 from eiwa.core.errors import SpecError, finding
@@ -39,10 +39,15 @@ class DhJoint(Parameters):
         description="Range [low, high]; none for a revolute joint that turns freely.",
     )
 
+    @field_validator("limits")
+    @classmethod
+    def _limits_increase(cls, limits: list[float] | None) -> list[float] | None:
+        if limits is not None and not limits[0] < limits[1]:
+            raise ValueError("must increase: write [low, high] with low < high, or kind = 'fixed' without limits")
+        return limits
+
     @model_validator(mode="after")
-    def _limits_increase(self) -> Self:
-        if self.limits is not None and not self.limits[0] < self.limits[1]:
-            raise ValueError("limits must increase: write [low, high] with low < high, or kind = 'fixed'")
+    def _limits_suit_the_kind(self) -> Self:
         if self.kind == "prismatic" and self.limits is None:
             raise ValueError("a prismatic joint needs limits = [low, high] in m")
         if self.kind == "fixed" and self.limits is not None:

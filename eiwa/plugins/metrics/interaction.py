@@ -112,24 +112,24 @@ def eiwa_metrics() -> list[Plugin]:
             FParameters,
             F,
             (
-                Number("F", "", "share of the ergonomic workspace that is dexterous"),
-                Number("F_se", "", "standard deviation of F over full-size replicates"),
-                Number("F_drift", "", "F at N samples less F at N/2"),
+                Number("F", "", "share of the ergonomic workspace that is dexterous", 0.0, 1.0),
+                Number("F_se", "", "standard deviation of F over full-size replicates", 0.0),
+                Number("F_drift", "", "F at N samples less F at N/2", -1.0, 1.0),
             ),
         ),
         Plugin(
-            "F_volume", FVolumeParameters, FVolume, (Number("F_volume", "", "share with V_dual >= isovalue"),)
+            "F_volume", FVolumeParameters, FVolume, (Number("F_volume", "", "share with V_dual >= isovalue", 0.0, 1.0),)
         ),
         Plugin(
             "mean_dexterity",
             MeanDexterityParameters,
             MeanDexterity,
-            (Number("mean_dexterity", "", "mean V_dual inside E"),),
+            (Number("mean_dexterity", "", "mean V_dual inside E", 0.0, 1.0),),
         ),
         Plugin(
             "singletons",
             SingletonsParameters,
             Singletons,
-            (Number("singletons", "", "f1/N, under-sampling alarm"),),
+            (Number("singletons", "", "f1/N, under-sampling alarm", 0.0, 1.0),),
         ),
     ]

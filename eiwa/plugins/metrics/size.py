@@ -78,23 +78,23 @@ class DexterousVolume(Metric):
 def eiwa_metrics() -> list[Plugin]:
     """Size and volumes."""
     return [
-        Plugin("reach", ReachParameters, Reach, (Number("reach", "m", "largest distance of tip and base"),)),
+        Plugin("reach", ReachParameters, Reach, (Number("reach", "m", "largest distance of tip and base", 0.0),)),
         Plugin(
             "total_link_length",
             LinkLengthParameters,
             LinkLength,
-            (Number("total_link_length", "m", "sum of links"),),
+            (Number("total_link_length", "m", "sum of links", 0.0),),
         ),
         Plugin(
             "shared_volume",
             SharedVolumeParameters,
             SharedVolume,
-            (Number("shared_volume", "m3", "dexterous for both arms"),),
+            (Number("shared_volume", "m3", "dexterous for both arms", 0.0),),
         ),
         Plugin(
             "dexterous_volume",
             DexterousVolumeParameters,
             DexterousVolume,
-            (Number("dexterous_volume", "m3", "dexterous for one arm"),),
+            (Number("dexterous_volume", "m3", "dexterous for one arm", 0.0),),
         ),
     ]

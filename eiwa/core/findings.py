@@ -1,0 +1,89 @@
+"""Turns what pydantic finds into messages that name the TOML path, the value, what is allowed and the remedy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from eiwa.core.errors import SpecError, finding
+from eiwa.core.hookspecs import Parameters
+from eiwa.core.tree import did_you_mean
+
+
+M = TypeVar("M", bound=Parameters)
+
+
+def validated(model: type[M], table: Any, path: str) -> M:
+    """The table as its model.
+
+    Raises
+    ------
+    SpecError
+        With one finding per path that is wrong.
+    """
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        lines: dict[str, list[Any]] = {}
+        for item in error.errors(include_url=False):
+            steps, missing = _steps(table, item["loc"])
+            missing = missing and item["type"] == "missing"
+            lines.setdefault(".".join([path, *steps] if path else steps), []).append((item, missing))
+        raise SpecError(*(_line(where, items, model) for where, items in lines.items())) from None
+
+
+def _steps(table: Any, location: Sequence[Any]) -> tuple[list[str], bool]:
+    """Path steps of a pydantic location; list items by name; steps that only pydantic knows are dropped."""
+    node, steps = table, []
+    for key in location:
+        if isinstance(node, dict) and key in node:
+            node = node[key]
+            steps.append(str(key))
+        elif isinstance(node, list) and isinstance(key, int) and key < len(node):
+            node = node[key]
+            steps.append(str(node.get("name", key)) if isinstance(node, dict) else str(key))
+        elif isinstance(node, dict) and key == location[-1]:
+            return [*steps, str(key)], True
+    return steps, False
+
+
+def _line(where: str, items: list[Any], model: type[BaseModel]) -> str:
+    item, missing = items[0]
+    if missing:
+        field = _model_at(model, item["loc"][:-1]).model_fields.get(str(item["loc"][-1]))
+        described = f" {field.description}" if field is not None and field.description else ""
+        return finding(where, "is required." + described)
+    if item["type"] == "extra_forbidden":
+        known = _model_at(model, item["loc"][:-1]).model_fields
+        return finding(where, f"unknown key{did_you_mean(str(item['loc'][-1]), known)}")
+    problem = " or ".join(dict.fromkeys(_problem(i) for i, _ in items)) + "."
+    if isinstance(item["input"], dict):
+        return finding(where, problem)
+    field = _model_at(model, item["loc"][:-1]).model_fields.get(str(item["loc"][-1]))
+    return finding(where, problem, value=item["input"], remedy=(field.description or "") if field is not None else "")
+
+
+def _problem(item: Any) -> str:
+    if item["type"] == "value_error":
+        return str(item["ctx"]["error"])
+    text: str = item["msg"]
+    for old, new in (("Input should be", "must be"), ("List should have", "must have"), ("String should", "must")):
+        text = text.replace(old, new)
+    return text[0].lower() + text[1:]
+
+
+def _model_at(model: type[BaseModel], location: Sequence[Any]) -> type[BaseModel]:
+    """The model of a nested table."""
+    for key in location:
+        field = model.model_fields.get(str(key))
+        if field is not None:
+            model = next((m for m in _models(field.annotation)), model)
+    return model
+
+
+def _models(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for argument in get_args(annotation) for model in _models(argument)]

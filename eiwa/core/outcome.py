@@ -1,0 +1,138 @@
+"""One design under all scenarios of a study: metrics, objectives and constraints."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from eiwa.core.errors import SpecError, finding
+from eiwa.core.evaluation import Measurement, Setup, ergonomic_grid, field_stream, measure, metrics
+from eiwa.core.interfaces import ErgonomicField
+from eiwa.core.kernel import thread_count
+from eiwa.core.sections import ObjectiveSection
+from eiwa.core.spec import REFERENCE, Scenario, StudySpec
+from eiwa.core.workspace import Grid
+
+MISFIT_FLOOR = 1e-4
+"""Added to both sides of a misfit's ratio, so that F = 0 is far but not infinitely far."""
+
+Numbers = Mapping[str, float | None]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one design came to: numbers per scenario label (the reference's is empty), values, violations (<= 0: met)."""
+
+    scenarios: Mapping[str, Numbers]
+    objectives: Sequence[float]
+    violations: Sequence[float]
+    replicates: int
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every constraint is met."""
+        return all(v <= 0 for v in self.violations)
+
+
+def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1) -> Outcome:
+    """Evaluate a design under every scenario, then its objectives and constraints.
+
+    Raises
+    ------
+    SpecError
+        The overrides do not make a valid design, or an objective has no value there.
+    """
+    scenarios = {s.label: metrics(m) for s, m in measurements(spec, overrides, spec.scenarios, replicates)}
+    reference = scenarios[REFERENCE.label]
+    violations = []
+    for constraint in spec.constraints:
+        violations.append(constraint.violation(_number(reference, constraint.metric, "constraints")))
+    objectives = [_objective(spec, objective, scenarios, overrides) for objective in spec.objectives]
+    return Outcome(scenarios, objectives, violations, replicates)
+
+
+def measurements(
+    spec: StudySpec, overrides: Mapping[str, Any], scenarios: Sequence[Scenario] = (REFERENCE,), replicates: int = 1
+) -> list[tuple[Scenario, Measurement]]:
+    """The design's measurement under each scenario, on one grid per voxel size that covers E of all of them."""
+    setups = [spec.design({**overrides, **s.overrides}).setup(spec.study.seed) for s in scenarios]
+    result = []
+    for scenario, setup in zip(scenarios, setups, strict=True):
+        grid = ergonomic_grid([s.human.bounds(s.operator) for s in setups], setup.r)
+        require_memory(grid.cells, setup)
+        fields = [ergonomic_field(setup, grid, k) for k in range(replicates)]
+        result.append((scenario, measure(setup, grid, fields)))
+    return result
+
+
+def misfit(spec: StudySpec, overrides: Mapping[str, Any]) -> float:
+    """Root mean square of ln((value + 1e-4) / (published + 1e-4)) over the named designs, overrides on top."""
+    squares = []
+    for design in spec.designs.values():
+        if design.published:
+            ((_, measurement),) = measurements(spec, {**design.overrides, **overrides})
+            numbers = metrics(measurement)
+            for name, published in design.published.items():
+                value = _number(numbers, name, "designs")
+                squares.append(math.log((value + MISFIT_FLOOR) / (published + MISFIT_FLOOR)) ** 2)
+    return math.sqrt(sum(squares) / len(squares))
+
+
+def _objective(
+    spec: StudySpec, objective: ObjectiveSection, scenarios: Mapping[str, Numbers], overrides: Mapping[str, Any]
+) -> float:
+    if objective.over == "designs":
+        return misfit(spec, overrides)
+    assert objective.metric is not None
+    labels = list(scenarios) if objective.over == "scenarios" else [REFERENCE.label]
+    values = [_number(scenarios[label], objective.metric, "objectives") for label in labels]
+    return {"min": min, "max": max, "mean": lambda v: sum(v) / len(v)}[objective.aggregate](values)
+
+
+def _number(numbers: Numbers, name: str, table: str) -> float:
+    value = numbers[name]
+    if value is None or not math.isfinite(value):
+        remedy = "F_se needs more than one replicate, so it cannot steer a search." if name == "F_se" else ""
+        raise SpecError(finding(f"{table}: {name}", "has no value for this design.", value=value, remedy=remedy))
+    return value
+
+
+_fields: dict[Any, ErgonomicField] = {}
+KEPT_FIELDS = 32
+
+
+def ergonomic_field(setup: Setup, grid: Grid, replicate: int) -> ErgonomicField:
+    """E of one replicate, computed once per operator, grid and stream."""
+    stream = field_stream(setup.seed, replicate)
+    key = (setup.human_key, setup.operator, grid, stream)
+    if key not in _fields:
+        if len(_fields) >= KEPT_FIELDS:
+            del _fields[next(iter(_fields))]
+        _fields[key] = setup.human.field(grid, setup.operator, stream)
+    return _fields[key]
+
+
+def memory(cells: int, setup: Setup) -> int:
+    """Bytes that filling so many cells takes: both arms' stores of every thread, read-outs, and E."""
+    stores = 2 * setup.backend.bytes_per_cell * (thread_count() + 1)
+    return cells * (stores + 6 * 8 + 2 * 8)
+
+
+def require_memory(cells: int, setup: Setup) -> None:
+    """Refuse a grid that this machine cannot hold, before anything is allocated.
+
+    Raises
+    ------
+    SpecError
+        Naming the memory, and the voxel size that would fit.
+    """
+    needed, present = memory(cells, setup), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    allowed = 0.7 * present
+    if needed > allowed or 2 * cells > 2**31 - 1:
+        scale = max(needed / allowed, 2 * cells / (2**31 - 1)) ** (1 / 3)
+        problem = f"{cells:.3g} cells need {needed / 2**30:.3g} GiB, this machine has {present / 2**30:.3g} GiB."
+        remedy = f"Use at least {setup.r * scale * 1.05:.2g} m."
+        raise SpecError(finding("voxels.size", problem, value=setup.r, remedy=remedy))

@@ -1,0 +1,207 @@
+"""Finds plugins and keeps their records: built-ins by module name, installed ones by entry point, local ones by file."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pluggy
+
+from eiwa.core import hookspecs
+from eiwa.core.errors import EiwaError, PluginError, SpecError, finding
+from eiwa.core.hookspecs import PROJECT, Parameters, Plugin
+from eiwa.core.tree import did_you_mean
+from eiwa.core.version import __version__
+
+KINDS = {
+    "arm": "eiwa_arms",
+    "dexterity": "eiwa_dexterities",
+    "human": "eiwa_humans",
+    "voxels": "eiwa_voxels",
+    "metrics": "eiwa_metrics",
+}
+"""Section of the study file -> hook."""
+
+BUILT_IN = (
+    "eiwa.plugins.arms.dh",
+    "eiwa.plugins.dexterity.yoshikawa",
+    "eiwa.plugins.humans.ehem",
+    "eiwa.plugins.metrics.interaction",
+    "eiwa.plugins.metrics.size",
+    "eiwa.plugins.voxels.dense",
+)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A plugin record and where it comes from."""
+
+    kind: str
+    plugin: Plugin
+    provider: str
+    version: str
+
+
+@dataclass(frozen=True)
+class Broken:
+    """An installed plugin that could not be loaded."""
+
+    provider: str
+    reason: str
+
+
+@dataclass
+class Registry:
+    """Every plugin that a study can name."""
+
+    entries: dict[tuple[str, str], Entry] = field(default_factory=dict)
+    broken: list[Broken] = field(default_factory=list)
+    digests: dict[str, str] = field(default_factory=dict)
+    """Local files -> hash of their bytes."""
+
+    def find(self, kind: str, name: str, path: str) -> Plugin:
+        """The record of a kind and name, asked for at a TOML path.
+
+        Raises
+        ------
+        SpecError
+            No such plugin: names the nearest, and any plugin that is broken.
+        """
+        if (kind, name) in self.entries:
+            return self.entries[kind, name].plugin
+        problem = f"no {kind} plugin has this name{did_you_mean(name, self.names(kind))}"
+        broken = "; ".join(f"{b.provider}: {b.reason}" for b in self.broken)
+        raise SpecError(finding(path, problem, value=name, remedy=f"Could not be loaded: {broken}." if broken else ""))
+
+    def names(self, kind: str) -> list[str]:
+        """Known names of a kind, sorted."""
+        return sorted(name for k, name in self.entries if k == kind)
+
+    def of_kind(self, kind: str) -> list[Entry]:
+        """Entries of a kind, sorted by name."""
+        return [self.entries[kind, name] for name in self.names(kind)]
+
+    def numbers(self) -> dict[str, tuple[str, hookspecs.Number]]:
+        """Every number that a metric yields: name -> (metric plugin, number)."""
+        return {n.name: (e.plugin.name, n) for e in self.of_kind("metrics") for n in e.plugin.numbers}
+
+    def versions(self) -> dict[str, str]:
+        """Provider -> version, for provenance."""
+        return {entry.provider: entry.version for entry in self.entries.values()}
+
+    def add(self, module: Any, provider: str, version: str) -> None:
+        """Register a module's hooks and records.
+
+        Raises
+        ------
+        PluginError
+            A hook that does not exist, a record that is not one, a name that is taken.
+        """
+        manager = pluggy.PluginManager(PROJECT)
+        manager.add_hookspecs(hookspecs)
+        try:
+            manager.register(module, name=provider)
+            manager.check_pending()
+        except pluggy.PluginValidationError as error:
+            raise PluginError(f"plugin {provider}: {error}") from error
+        found = [
+            Entry(kind, record, provider, version)
+            for kind, hook in KINDS.items()
+            for records in getattr(manager.hook, hook)()
+            for record in _checked(records, provider, hook)
+        ]
+        for entry in found:
+            self._refuse_duplicate(entry)
+        for entry in found:
+            self.entries[entry.kind, entry.plugin.name] = entry
+
+    def _refuse_duplicate(self, entry: Entry) -> None:
+        other = self.entries.get((entry.kind, entry.plugin.name))
+        if other:
+            taken = f"the {entry.kind} plugin {entry.plugin.name!r}"
+        else:
+            clash = [n.name for n in entry.plugin.numbers if entry.kind == "metrics" and n.name in self.numbers()]
+            if not clash:
+                return
+            other = self.entries["metrics", self.numbers()[clash[0]][0]]
+            taken = f"the metric number {clash[0]!r}"
+        raise PluginError(f"{entry.provider} and {other.provider} both provide {taken}: rename one of them")
+
+    def add_file(self, path: Path, where: str) -> None:
+        """Register a local plugin file named in a study.
+
+        Raises
+        ------
+        SpecError
+            The file does not exist.
+        PluginError
+            It raises on import, or :meth:`add` refuses it.
+        """
+        if not path.is_file():
+            raise SpecError(finding(where, "there is no such plugin file.", value=str(path)))
+        content = path.read_bytes()
+        digest = hashlib.sha256(content).hexdigest()[:16]
+        module = _import_file(path, f"eiwa_local_{path.stem}_{digest}")
+        self.digests[path.name] = digest
+        self.add(module, path.name, f"sha256:{digest}")
+
+
+def load(files: Sequence[tuple[Path, str]] = ()) -> Registry:
+    """The registry of built-ins, installed plugins, and local files given as (path, TOML path)."""
+    registry = Registry()
+    for name in BUILT_IN:
+        registry.add(importlib.import_module(name), name, __version__)
+    for entry_point in sorted(entry_points(group=PROJECT), key=lambda e: e.name):
+        provider = f"{entry_point.name} ({entry_point.value})"
+        version = entry_point.dist.version if entry_point.dist else "unknown"
+        try:
+            registry.add(entry_point.load(), provider, version)
+        # Whatever an installed plugin raises must not take down a study that does not use it.
+        except Exception as error:
+            registry.broken.append(Broken(provider, _one_line(error)))
+    for path, where in files:
+        registry.add_file(path, where)
+    return registry
+
+
+def _checked(records: Any, provider: str, hook: str) -> list[Plugin]:
+    records = list(records) if isinstance(records, list | tuple) else [records]
+    for record in records:
+        if not isinstance(record, Plugin):
+            raise PluginError(f"plugin {provider}: {hook} must return a list of Plugin records, not {record!r}")
+        if not (isinstance(record.parameters, type) and issubclass(record.parameters, Parameters)):
+            raise PluginError(f"plugin {provider}: parameters of {record.name!r} must be a subclass of Parameters")
+        if hook == "eiwa_metrics" and not record.numbers:
+            raise PluginError(f"plugin {provider}: metric {record.name!r} declares no numbers")
+    return records
+
+
+def _import_file(path: Path, name: str) -> ModuleType:
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise PluginError(f"plugin file {path} is not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    # A user's file may raise anything; the message names it instead of a traceback.
+    except Exception as error:
+        del sys.modules[name]
+        if isinstance(error, EiwaError):
+            raise
+        raise PluginError(f"plugin file {path} raises on import: {_one_line(error)}") from error
+    return module
+
+
+def _one_line(error: BaseException) -> str:
+    return f"{type(error).__name__}: {error}".replace("\n", " ")[:300]

@@ -1,0 +1,343 @@
+"""The study file: read, checked as a whole, and turned into designs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from pathlib import Path
+from typing import Any, TypeVar
+
+from eiwa.core import registry as plugins
+from eiwa.core.design import SECTIONS, Design, design
+from eiwa.core.errors import SpecError, finding
+from eiwa.core.expressions import Expression, in_order
+from eiwa.core.findings import validated
+from eiwa.core.registry import Registry
+from eiwa.core.sections import ConstraintSection, DesignSection, ObjectiveSection, RangeSection, StudySection
+from eiwa.core.tree import Tree, did_you_mean, leaves, lookup, replaced
+
+TABLES = (
+    "study", "plugins", *SECTIONS, "variables", "search", "scenarios", "objectives", "constraints", "designs",
+    "assumptions",
+)  # fmt: skip
+MAX_SCENARIOS = 64
+M = TypeVar("M", ObjectiveSection, ConstraintSection)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A setting under which every design is evaluated; the reference has no overrides and an empty label."""
+
+    label: str
+    overrides: Mapping[str, Any]
+
+
+REFERENCE = Scenario("", {})
+
+
+@dataclass(frozen=True, eq=False)
+class StudySpec:
+    """A validated study file."""
+
+    path: Path
+    tree: Tree
+    registry: Registry
+    study: StudySection
+    ranges: Mapping[str, RangeSection]
+    expressions: Mapping[str, Expression]
+    searched: Mapping[str, str]
+    """Path -> name of the variable that drives it."""
+    scenarios: Sequence[Scenario]
+    objectives: Sequence[ObjectiveSection]
+    constraints: Sequence[ConstraintSection]
+    designs: Mapping[str, DesignSection]
+    assumptions: Mapping[str, str]
+
+    @cached_property
+    def needed(self) -> frozenset[str]:
+        """Metric numbers that objectives, constraints and published values read."""
+        named = {o.metric for o in self.objectives if o.metric} | {c.metric for c in self.constraints}
+        return frozenset(named | {metric for d in self.designs.values() for metric in d.published})
+
+    @cached_property
+    def _order(self) -> list[str]:
+        return in_order(self.expressions, frozenset(self.ranges))
+
+    def design(self, overrides: Mapping[str, Any]) -> Design:
+        """The design with other values at some paths, validated as if the user had written it."""
+        return design(replaced(self.tree, overrides), self.registry, self.needed)
+
+    def overrides(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Values at the searched paths, from the sampler's parameters.
+
+        Raises
+        ------
+        SpecError
+            An expression has no finite value there.
+        """
+        values = dict(parameters)
+        for name in self._order:
+            values[name] = self.expressions[name].evaluate(values)
+        return {path: values[name] for path, name in self.searched.items()}
+
+    @cached_property
+    def resolved(self) -> Tree:
+        """All that the study says, defaults written out."""
+        tree = self.design({}).resolved()
+        tree["study"] = self.study.model_dump(mode="json")
+        tree["variables"] = {n: r.model_dump(mode="json") for n, r in self.ranges.items()}
+        tree["variables"] |= {n: e.text for n, e in self.expressions.items()}
+        tree["search"] = dict(self.searched)
+        tree["scenarios"] = {s.label: dict(s.overrides) for s in self.scenarios}
+        tree["objectives"] = [o.model_dump(mode="json") for o in self.objectives]
+        tree["constraints"] = [c.model_dump(mode="json") for c in self.constraints]
+        tree["designs"] = {name: d.model_dump(mode="json") for name, d in self.designs.items()}
+        tree["plugin files"] = dict(self.registry.digests)
+        return tree
+
+    @cached_property
+    def identity(self) -> Tree:
+        """The part of :attr:`resolved` that changes a trial's numbers."""
+        tree = {k: v for k, v in self.resolved.items() if k != "designs"}
+        tree["study"] = {k: v for k, v in tree["study"].items() if k not in ("name", "trials")}
+        if any(o.over == "designs" for o in self.objectives):
+            tree["designs"] = self.resolved["designs"]
+        return tree
+
+    @cached_property
+    def hash(self) -> str:
+        """Hash of :attr:`identity`."""
+        return digest(self.identity)
+
+
+def digest(value: Any) -> str:
+    """A short hash of plain values."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def load(path: Path, settings: Mapping[str, Any] | None = None) -> StudySpec:
+    """Read and check a study file.
+
+    Parameters
+    ----------
+    path
+        The TOML file.
+    settings
+        Values to put at some paths first (``--set``).
+
+    Raises
+    ------
+    SpecError
+        The file cannot be read or says something that cannot be.
+    """
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SpecError(f"{path}: cannot be read: {error.strerror}. Give the path of a study file.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SpecError(f"{path}: is not TOML: {error}.") from None
+    return check(replaced(tree, settings or {}), path)
+
+
+def check(tree: Tree, path: Path) -> StudySpec:
+    """Check a study file's tree; ``path`` is where local plugin files are looked for."""
+    unknown = [finding(key, f"unknown table{did_you_mean(key, TABLES)}") for key in tree if key not in TABLES]
+    if unknown:
+        raise SpecError(*unknown)
+    registry = plugins.load(_plugin_files(tree, path))
+    study = validated(StudySection, tree.get("study", {}), "study")
+    findings: list[str] = []
+    base: Design | None = None
+    try:
+        base = design(tree, registry)
+    except SpecError as error:
+        findings.extend(error.findings)
+    try:
+        spec = StudySpec(
+            path, tree, registry, study, *_search(tree),
+            scenarios=_scenarios(tree),
+            objectives=_list(tree, "objectives", ObjectiveSection),
+            constraints=_list(tree, "constraints", ConstraintSection),
+            designs={n: _design(n, t) for n, t in _table(tree, "designs").items()},
+            assumptions=_table(tree, "assumptions"),
+        )  # fmt: skip
+    except SpecError as error:
+        raise SpecError(*findings, *error.findings) from None
+    if base is None:
+        raise SpecError(*findings)
+    findings = [line for check in (_paths, _numbers, _budget) for line in check(spec, base)]
+    if findings := findings or list(_variants(spec)):
+        raise SpecError(*dict.fromkeys(findings))
+    return spec
+
+
+def _plugin_files(tree: Tree, path: Path) -> list[tuple[Path, str]]:
+    files = tree.get("plugins", [])
+    if not (isinstance(files, list) and all(isinstance(f, str) for f in files)):
+        raise SpecError(finding("plugins", "must be a list of file names.", value=files, remedy='plugins = ["my.py"]'))
+    return [(path.parent / name, f"plugins.{i}") for i, name in enumerate(files)]
+
+
+def _table(tree: Tree, name: str) -> Mapping[str, Any]:
+    table = tree.get(name, {})
+    if not isinstance(table, dict):
+        raise SpecError(finding(name, f"must be a table: write [{name}].", value=table))
+    return table
+
+
+def _list(tree: Tree, name: str, model: type[M]) -> list[M]:
+    items = tree.get(name, [])
+    if not isinstance(items, list):
+        raise SpecError(finding(name, f"must be a list of tables: write [[{name}]].", value=items))
+    return [validated(model, item, f"{name}.{i}") for i, item in enumerate(items)]
+
+
+def _search(tree: Tree) -> tuple[dict[str, RangeSection], dict[str, Expression], dict[str, str]]:
+    """Ranges and expressions by variable name, and which variable drives which path.
+
+    A range or expression written directly at a path is a variable that bears the path's name.
+    """
+    ranges: dict[str, RangeSection] = {}
+    expressions: dict[str, Expression] = {}
+    for table in ("variables", "search"):
+        for name, value in _table(tree, table).items():
+            path = f"{table}.{name}" if table == "variables" else f'search."{name}"'
+            if table == "variables" and not name.isidentifier():
+                raise SpecError(finding(path, "a variable's name has letters, digits and _ only."))
+            if isinstance(value, str):
+                expressions[name] = Expression(path, value)
+            elif isinstance(value, dict) and (table == "variables" or "low" in value or "high" in value):
+                ranges[name] = validated(RangeSection, value, path)
+            else:
+                remedy = 'Write { low = 0.1, high = 0.2 } or an expression such as "reach * split"; quote the path.'
+                raise SpecError(finding(path, "must be a range or an expression.", value=value, remedy=remedy))
+    in_order(expressions, frozenset(ranges))
+    return ranges, expressions, {path: path for path in _table(tree, "search")}
+
+
+def _scenarios(tree: Tree) -> list[Scenario]:
+    """The reference, then every combination of the listed values that differs from it."""
+    lists = _table(tree, "scenarios")
+    for path, values in lists.items():
+        if not (isinstance(values, list) and values):
+            remedy = 'Write "dexterity.K" = [50, 12270]; quote the path.'
+            raise SpecError(finding(f'scenarios."{path}"', "must be a list of values.", value=values, remedy=remedy))
+    current = {path: lookup(tree, path) if _exists(tree, path) else None for path in lists}
+    scenarios = [REFERENCE]
+    for combination in product(*lists.values()):
+        overrides = {p: v for p, v in zip(lists, combination, strict=True) if v != current[p]}
+        if overrides:
+            label = " ".join(f"{p}={v:g}" if isinstance(v, float) else f"{p}={v}" for p, v in overrides.items())
+            scenarios.append(Scenario(label, overrides))
+    if len(scenarios) > MAX_SCENARIOS:
+        raise SpecError(finding("scenarios", f"{len(scenarios)} combinations; at most {MAX_SCENARIOS} are allowed."))
+    return scenarios
+
+
+def _exists(tree: Tree, path: str) -> bool:
+    try:
+        lookup(tree, path)
+    except SpecError:
+        return False
+    return True
+
+
+def _design(name: str, table: Any) -> DesignSection:
+    if not isinstance(table, dict):
+        raise SpecError(finding(f"designs.{name}", f"must be a table: write [designs.{name}].", value=table))
+    overrides = {k: v for k, v in table.items() if k != "published"}
+    nested = [k for k, v in overrides.items() if isinstance(v, dict)]
+    if nested:
+        remedy = f'Quote the whole path, as in "{nested[0]}.{next(iter(overrides[nested[0]]), "key")}" = 0.1.'
+        raise SpecError(finding(f"designs.{name}.{nested[0]}", "a design sets values at quoted paths.", remedy=remedy))
+    section = {"overrides": overrides, "published": table.get("published", {})}
+    return validated(DesignSection, section, f"designs.{name}")
+
+
+def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
+    """Every path that something changes must exist; searched ones must hold a number."""
+    resolved = base.resolved()
+    uses = [(f'search."{p}"', p, True) for p in spec.searched]
+    uses += [(f'scenarios."{p}"', p, False) for p in _table(spec.tree, "scenarios")]
+    uses += [(f'designs.{n}."{p}"', p, False) for n, d in spec.designs.items() for p in d.overrides]
+    for path in spec.assumptions:
+        if not _exists(spec.resolved, path):
+            yield finding(f'assumptions."{path}"', "the study has no such path.")
+    for where, path, numeric in uses:
+        try:
+            value = lookup(resolved, path)
+        except SpecError as error:
+            yield f"{where}: {error.findings[0].split(': ', 1)[1]}"
+            continue
+        if numeric and (isinstance(value, bool) or not isinstance(value, int | float)):
+            yield finding(where, f"the path holds {value!r}, not a number.", remedy="Search one number at a time.")
+        if numeric and path.split(".")[0] not in SECTIONS:
+            yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")
+
+
+def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
+    """Metrics that something reads must exist, and constraints must be possible."""
+    numbers = spec.registry.numbers()
+    uses = [(f"objectives.{i}.metric", o.metric) for i, o in enumerate(spec.objectives) if o.metric]
+    uses += [(f"constraints.{i}.metric", c.metric) for i, c in enumerate(spec.constraints)]
+    uses += [(f"designs.{n}.published.{m}", m) for n, d in spec.designs.items() for m in d.published]
+    for where, name in uses:
+        if name not in numbers:
+            yield finding(where, f"no metric yields {name!r}{did_you_mean(name, numbers)}")
+    for i, constraint in enumerate(spec.constraints):
+        if constraint.metric in numbers:
+            number = numbers[constraint.metric][1]
+            low = -float("inf") if constraint.min is None else constraint.min
+            high = float("inf") if constraint.max is None else constraint.max
+            if low > number.high or high < number.low:
+                allowed = f"{number.name} lies between {number.low:g} and {number.high:g}."
+                yield finding(f"constraints.{i}", f"nothing can meet {constraint.label}: {allowed}")
+    published = [n for n, d in spec.designs.items() if d.published]
+    if any(o.aggregate == "misfit" for o in spec.objectives) and not published:
+        yield finding("objectives", "misfit needs a named design with published values.")
+
+
+def _variants(spec: StudySpec) -> Iterable[str]:
+    """Named designs and scenarios must be designs; so must the corners of the search."""
+    variants: list[tuple[str, Mapping[str, Any]]] = [(f"designs.{n}", d.overrides) for n, d in spec.designs.items()]
+    variants += [(f"scenarios {s.label}", s.overrides) for s in spec.scenarios]
+    for end in ("low", "high"):
+        corner = {name: getattr(r, end) for name, r in spec.ranges.items()}
+        try:
+            variants.append((f"search, every variable at its {end} end", spec.overrides(corner)))
+        except SpecError as error:
+            yield from error.findings
+    for where, overrides in variants:
+        try:
+            spec.design(overrides)
+        except SpecError as error:
+            yield from (f"{where}: {line}" for line in error.findings)
+
+
+def _budget(spec: StudySpec, base: Design) -> Iterable[str]:
+    """A search needs something to vary and something to optimise."""
+    if spec.study.trials and not spec.ranges:
+        yield finding("study.trials", "there is nothing to vary.", value=spec.study.trials, remedy="Add [search].")
+    if spec.study.trials and not spec.objectives:
+        remedy = 'Add [[objectives]] with metric = "F" and direction = "maximize".'
+        yield finding("study.trials", "there is no objective.", value=spec.study.trials, remedy=remedy)
+    unused = set(spec.ranges) - set(spec.searched)
+    unused -= {name for e in spec.expressions.values() for name in e.names}
+    for name in sorted(unused):
+        yield finding(f"variables.{name}", "no expression reads it.", remedy="Use it in [search], or remove it.")
+    if spec.study.sampler == "grid":
+        for name, r in spec.ranges.items():
+            if r.step is None:
+                yield finding(f"variables.{name}", "sampler = 'grid' needs a step.", remedy="Add step = ... to it.")
+
+
+def differences(old: Tree, new: Tree) -> list[str]:
+    """Paths at which two identities differ, with both values."""
+    before, after = dict(leaves(old)), dict(leaves(new))
+    changed = [p for p in {**before, **after} if before.get(p) != after.get(p)]
+    return [f"{p}: {before.get(p, 'absent')} -> {after.get(p, 'absent')}" for p in changed]

@@ -1,0 +1,84 @@
+"""A study file as a tree of plain values, and paths into it (``arm.joints.upper.a``, ``layout.offset.1``)."""
+
+from __future__ import annotations
+
+import copy
+import difflib
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from eiwa.core.errors import SpecError, finding
+
+Tree = dict[str, Any]
+
+
+def lookup(tree: Any, path: str) -> Any:
+    """The value at a path.
+
+    Raises
+    ------
+    SpecError
+        A step of the path does not exist.
+    """
+    node, walked = tree, ""
+    for step in path.split("."):
+        node = node[_key(node, step, path, walked)]
+        walked = f"{walked}.{step}" if walked else step
+    return node
+
+
+def replaced(tree: Tree, values: Mapping[str, Any]) -> Tree:
+    """A copy of the tree with other values at some paths; a last step that is not there yet is added."""
+    result = copy.deepcopy(tree)
+    for path, value in values.items():
+        *parents, last = path.split(".")
+        node: Any = result
+        walked = ""
+        for step in parents:
+            if not walked and step not in node:
+                node[step] = {}
+            node = node[_key(node, step, path, walked)]
+            walked = f"{walked}.{step}" if walked else step
+        if isinstance(node, dict):
+            node[last] = copy.deepcopy(value)
+        else:
+            node[_key(node, last, path, walked)] = copy.deepcopy(value)
+    return result
+
+
+def _key(node: Any, step: str, path: str, walked: str) -> Any:
+    """Key or index of one step: a table's key, a list item's ``name``, or a number's position."""
+    if isinstance(node, dict) and step in node:
+        return step
+    if isinstance(node, list):
+        names = [item.get("name") if isinstance(item, dict) else None for item in node]
+        if step in names:
+            return names.index(step)
+        if step.isdigit() and int(step) < len(node) and not any(names):
+            return int(step)
+        known = [n for n in names if n] or [str(i) for i in range(len(node))]
+    else:
+        known = list(node) if isinstance(node, dict) else []
+    where = f"{walked} has" if walked else "the study file has"
+    raise SpecError(finding(path, f"{where} no {step!r}{did_you_mean(step, known)}"))
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """'; did you mean X? Known: ...' with the nearest known word first."""
+    words = sorted({str(k) for k in known})
+    near = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else "."
+    return f"{hint} Known: {', '.join(words)}." if words else hint
+
+
+def leaves(tree: Any, prefix: str = "") -> Iterable[tuple[str, Any]]:
+    """All (path, value) pairs of a tree; list items by their name or position."""
+    if isinstance(tree, dict):
+        items: Iterable[tuple[str, Any]] = tree.items()
+    elif isinstance(tree, list) and any(isinstance(item, dict) for item in tree):
+        items = ((item.get("name", str(i)) if isinstance(item, dict) else str(i), item) for i, item in enumerate(tree))
+    else:
+        yield prefix, tree
+        return
+    for key, value in items:
+        yield from leaves(value, f"{prefix}.{key}" if prefix else str(key))

@@ -1,0 +1,148 @@
+"""What one Parquet row holds: the design, its numbers, and how they were made.
+
+Columns of a row (floats unless said): ``kind`` (design, trial, leader), ``name`` (of a named design), ``number`` (of a
+trial), ``state`` (COMPLETE, FAIL), ``message``, ``feasible``, ``parameters.V``, ``values.PATH`` (what the overrides put
+there), ``objectives.I``, ``constraints.I`` (violation, <= 0 when met), ``metrics.NAME`` at the reference scenario and
+``metrics.NAME@SCENARIO``, ``replicates``, ``overrides`` (JSON), ``spec_hash``, ``seed``, ``versions`` (JSON); and what may
+differ between equal results: ``started`` (UTC), ``seconds``, ``threads``, ``host``, ``pid``, ``cpu``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from typing import Any, Literal
+
+import pyarrow as pa
+
+from eiwa.core.compiled import cpu
+from eiwa.core.errors import EiwaError
+from eiwa.core.kernel import thread_count
+from eiwa.core.outcome import evaluate
+from eiwa.core.spec import StudySpec
+from eiwa.core.version import __version__
+
+Kind = Literal["design", "trial", "leader"]
+Row = dict[str, Any]
+
+VOLATILE = ("started", "seconds", "threads", "host", "pid", "cpu")
+"""Columns in which equal results may differ."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One evaluation to do: which design, with how many replicates, and where its row belongs."""
+
+    kind: Kind
+    overrides: Mapping[str, Any]
+    replicates: int
+    name: str | None = None
+    number: int | None = None
+    parameters: Mapping[str, float] | None = None
+
+
+def schema(spec: StudySpec) -> pa.Schema:
+    """The columns of a study's rows."""
+    numbers = [n.name for plugin, _ in spec.design({}).metrics.values() for n in plugin.numbers]
+    paths = sorted({*spec.searched, *(p for d in spec.designs.values() for p in d.overrides)})
+    reals = [f"parameters.{name}" for name in spec.ranges]
+    reals += [f"objectives.{i}" for i in range(len(spec.objectives))]
+    reals += [f"constraints.{i}" for i in range(len(spec.constraints))]
+    reals += [metric_column(n, s.label) for s in spec.scenarios for n in numbers]
+    resolved = spec.design({}).resolved()
+    fields = [
+        *((c, pa.string()) for c in ("kind", "name")),
+        ("number", pa.int64()),
+        *((c, pa.string()) for c in ("state", "message")),
+        ("feasible", pa.bool_()),
+        *((f"values.{p}", _type_at(resolved, p)) for p in paths),
+        *((c, pa.float64()) for c in reals),
+        ("replicates", pa.int64()),
+        *((c, pa.string()) for c in ("overrides", "spec_hash")),
+        ("seed", pa.int64()),
+        ("versions", pa.string()),
+        ("started", pa.timestamp("us", tz="UTC")),
+        ("seconds", pa.float64()),
+        ("threads", pa.int64()),
+        ("host", pa.string()),
+        ("pid", pa.int64()),
+        ("cpu", pa.string()),
+    ]
+    return pa.schema(fields)
+
+
+def metric_column(number: str, label: str = "") -> str:
+    """Column of a metric's number under a scenario."""
+    return f"metrics.{number}@{label}" if label else f"metrics.{number}"
+
+
+def row(spec: StudySpec, task: Task) -> Row:
+    """Evaluate a task; a design that cannot be evaluated gives a FAIL row with its message."""
+    started, clock = datetime.now(UTC), time.perf_counter()
+    result: Row = {
+        "kind": task.kind,
+        "name": task.name,
+        "number": task.number,
+        "replicates": task.replicates,
+        "overrides": json.dumps(dict(task.overrides), sort_keys=True),
+        **{f"values.{path}": value for path, value in task.overrides.items()},
+        **{f"parameters.{name}": value for name, value in (task.parameters or {}).items()},
+    }
+    try:
+        result |= _numbers(spec, task)
+    # A plugin may raise anything; one design's failure must not end the study.
+    except Exception as error:
+        result |= {"state": "FAIL", "message": _message(error)}
+    seconds = time.perf_counter() - clock
+    return {**result, **provenance(spec), "started": started, "seconds": seconds}
+
+
+def _numbers(spec: StudySpec, task: Task) -> Row:
+    outcome = evaluate(spec, task.overrides, task.replicates)
+    numbers = {
+        metric_column(name, label): value
+        for label, metrics in outcome.scenarios.items()
+        for name, value in metrics.items()
+    }
+    values: Sequence[tuple[str, Sequence[float]]] = (
+        ("objectives", outcome.objectives),
+        ("constraints", outcome.violations),
+    )
+    indexed = {f"{kind}.{i}": value for kind, items in values for i, value in enumerate(items)}
+    return {"state": "COMPLETE", "feasible": outcome.feasible, **numbers, **indexed}
+
+
+def provenance(spec: StudySpec) -> Row:
+    """How a row was made."""
+    libraries = {name: version(name) for name in ("numpy", "scipy", "numba", "optuna")}
+    versions = {"eiwa": __version__, **libraries, **spec.registry.versions()}
+    return {
+        "spec_hash": spec.hash,
+        "seed": spec.study.seed,
+        "versions": json.dumps(versions, sort_keys=True),
+        "threads": thread_count(),
+        "host": platform.node(),
+        "pid": os.getpid(),
+        "cpu": cpu()[0],
+    }
+
+
+def _message(error: Exception) -> str:
+    if isinstance(error, EiwaError):
+        return str(error)
+    return f"{type(error).__name__}: {error}"
+
+
+def _type_at(resolved: Any, path: str) -> pa.DataType:
+    from eiwa.core.tree import lookup
+
+    value = lookup(resolved, path)
+    if isinstance(value, str):
+        return pa.string()
+    return pa.list_(pa.float64()) if isinstance(value, list) else pa.float64()
