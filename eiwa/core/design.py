@@ -15,7 +15,13 @@ from eiwa.core.findings import validated
 from eiwa.core.hookspecs import Parameters, Plugin
 from eiwa.core.interfaces import Operator
 from eiwa.core.registry import Registry
-from eiwa.core.sections import DexteritySection, LayoutSection, OperatorSection, SamplingSection, VoxelsSection
+from eiwa.core.sections import (
+    DexteritySection,
+    LayoutSection,
+    OperatorSection,
+    SamplingSection,
+    VoxelsSection,
+)
 from eiwa.core.tree import Tree
 
 SECTIONS = ("arm", "layout", "operator", "human", "dexterity", "voxels", "sampling", "metrics")
@@ -36,7 +42,9 @@ class Design:
         tree: Tree = {name: table.model_dump(mode="json") for name, table in self.tables.items()}
         for name, (plugin, parameters) in self.plugins.items():
             tree[name] = {"kind": plugin.name, **parameters.model_dump(mode="json"), **tree.get(name, {})}
-        tree["metrics"] = {name: parameters.model_dump(mode="json") for name, (_, parameters) in self.metrics.items()}
+        tree["metrics"] = {
+            name: parameters.model_dump(mode="json") for name, (_, parameters) in self.metrics.items()
+        }
         return tree
 
     def setup(self, seed: int) -> Setup:
@@ -157,7 +165,9 @@ def _metrics(tree: Tree, registry: Registry, needed: frozenset[str]) -> dict[str
     """The metrics of the study: those with a table, those always computed, those that yield a needed number."""
     tables = tree.get("metrics", {})
     if not (isinstance(tables, dict) and all(isinstance(t, dict) for t in tables.values())):
-        raise SpecError(finding("metrics", "must hold one table per metric: write [metrics.F].", value=tables))
+        raise SpecError(
+            finding("metrics", "must hold one table per metric: write [metrics.F].", value=tables)
+        )
     numbers = registry.numbers()
     names = dict.fromkeys([*ALWAYS, *tables, *sorted(numbers[n][0] for n in needed if n in numbers)])
     metrics = {}

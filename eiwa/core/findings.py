@@ -62,14 +62,20 @@ def _line(where: str, items: list[Any], model: type[BaseModel]) -> str:
     if isinstance(item["input"], dict):
         return finding(where, problem)
     field = _model_at(model, item["loc"][:-1]).model_fields.get(str(item["loc"][-1]))
-    return finding(where, problem, value=item["input"], remedy=(field.description or "") if field is not None else "")
+    return finding(
+        where, problem, value=item["input"], remedy=(field.description or "") if field is not None else ""
+    )
 
 
 def _problem(item: Any) -> str:
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
     text: str = item["msg"]
-    for old, new in (("Input should be", "must be"), ("List should have", "must have"), ("String should", "must")):
+    for old, new in (
+        ("Input should be", "must be"),
+        ("List should have", "must have"),
+        ("String should", "must"),
+    ):
         text = text.replace(old, new)
     return text[0].lower() + text[1:]
 

@@ -55,7 +55,10 @@ def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1)
 
 
 def measurements(
-    spec: StudySpec, overrides: Mapping[str, Any], scenarios: Sequence[Scenario] = (REFERENCE,), replicates: int = 1
+    spec: StudySpec,
+    overrides: Mapping[str, Any],
+    scenarios: Sequence[Scenario] = (REFERENCE,),
+    replicates: int = 1,
 ) -> list[tuple[Scenario, Measurement]]:
     """The design's measurement under each scenario, on one grid per voxel size that covers E of all of them."""
     setups = [spec.design({**overrides, **s.overrides}).setup(spec.study.seed) for s in scenarios]
@@ -82,7 +85,10 @@ def misfit(spec: StudySpec, overrides: Mapping[str, Any]) -> float:
 
 
 def _objective(
-    spec: StudySpec, objective: ObjectiveSection, scenarios: Mapping[str, Numbers], overrides: Mapping[str, Any]
+    spec: StudySpec,
+    objective: ObjectiveSection,
+    scenarios: Mapping[str, Numbers],
+    overrides: Mapping[str, Any],
 ) -> float:
     if objective.over == "designs":
         return misfit(spec, overrides)
@@ -96,7 +102,9 @@ def _number(numbers: Numbers, name: str, table: str) -> float:
     value = numbers[name]
     if value is None or not math.isfinite(value):
         remedy = "F_se needs more than one replicate, so it cannot steer a search." if name == "F_se" else ""
-        raise SpecError(finding(f"{table}: {name}", "has no value for this design.", value=value, remedy=remedy))
+        raise SpecError(
+            finding(f"{table}: {name}", "has no value for this design.", value=value, remedy=remedy)
+        )
     return value
 
 
@@ -133,6 +141,8 @@ def require_memory(cells: int, setup: Setup) -> None:
     allowed = 0.7 * present
     if needed > allowed or 2 * cells > 2**31 - 1:
         scale = max(needed / allowed, 2 * cells / (2**31 - 1)) ** (1 / 3)
-        problem = f"{cells:.3g} cells need {needed / 2**30:.3g} GiB, this machine has {present / 2**30:.3g} GiB."
+        problem = (
+            f"{cells:.3g} cells need {needed / 2**30:.3g} GiB, this machine has {present / 2**30:.3g} GiB."
+        )
         remedy = f"Use at least {setup.r * scale * 1.05:.2g} m."
         raise SpecError(finding("voxels.size", problem, value=setup.r, remedy=remedy))

@@ -7,10 +7,10 @@ results depend neither on threads nor on where a run was interrupted.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import optuna
 from optuna.trial import FrozenTrial, TrialState
@@ -25,8 +25,25 @@ from eiwa.study.store import Store, writing
 LEADERS = 3
 FIRST_FAILURES, FAILURES_IN_A_ROW = 5, 20
 
-Listener = Callable[[str, Row], None]
-"""Told the stage (designs, search, leaders) and the row after each evaluation."""
+
+class Listener(Protocol):
+    """Hears how a run goes on; stages are designs, search and leaders."""
+
+    def begin(self, stage: str, total: int, done: int) -> None:
+        """A stage starts, with so many of its evaluations done before."""
+
+    def __call__(self, stage: str, row: Row) -> None:
+        """An evaluation is done."""
+
+
+class Silent:
+    """Hears nothing."""
+
+    def begin(self, stage: str, total: int, done: int) -> None:
+        """Nothing."""
+
+    def __call__(self, stage: str, row: Row) -> None:
+        """Nothing."""
 
 
 @dataclass
@@ -35,15 +52,15 @@ class Run:
 
     spec: StudySpec
     store: Store
-    listen: Listener = lambda stage, row: None
+    listen: Listener = field(default_factory=Silent)
     rows: list[Row] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.schema = schema(self.spec)
         self.target = search_size(self.spec)
 
-    def execute(self) -> None:
-        """Do everything that is not done yet.
+    def execute(self) -> bool:
+        """Do everything that is not done yet; False when there was nothing to do.
 
         Raises
         ------
@@ -53,16 +70,12 @@ class Run:
         with self.store.locked():
             self.store.open(self.spec)
             self.rows = self.store.rows()
+            before = len(self.rows)
             self._designs()
             if self.target:
                 self._search()
                 self._leaders()
-
-    def done(self) -> bool:
-        """Whether nothing is left to do."""
-        rows = self.store.rows()
-        trials = {r["number"] for r in rows if r["kind"] == "trial"}
-        return not self._missing_designs(rows) and len(trials) >= self.target and not self._missing_leaders(rows)
+            return len(self.rows) > before
 
     def _evaluate(self, stage: str, tasks: Sequence[Task]) -> list[Row]:
         """Evaluate and write as one part; what an interruption leaves unwritten is evaluated again."""
@@ -77,18 +90,26 @@ class Run:
 
     def _missing_designs(self, rows: Sequence[Row]) -> list[Task]:
         full = self.spec.design({}).tables["sampling"].replicates  # type: ignore[attr-defined]
-        present = {(r["name"], _digest(r)) for r in rows if r["kind"] == "design" and r["state"] == "COMPLETE"}
+        present = {
+            (r["name"], _digest(r)) for r in rows if r["kind"] == "design" and r["state"] == "COMPLETE"
+        }
         tasks = [Task("design", d.overrides, full, name=name) for name, d in self.spec.designs.items()]
         return [t for t in tasks if (t.name, digest(dict(t.overrides))) not in present]
 
     def _designs(self) -> None:
-        for task in self._missing_designs(self.rows):
+        missing = self._missing_designs(self.rows)
+        if missing:
+            self.listen.begin("designs", len(self.spec.designs), len(self.spec.designs) - len(missing))
+        for task in missing:
             (result,) = self._evaluate("designs", [task])
             if result["state"] == "FAIL":
                 raise EiwaError(f"designs.{task.name}: {result['message']}")
 
     def _search(self) -> None:
         study, storage = self._study()
+        begun = self._told(study)
+        if begun < self.target:
+            self.listen.begin("search", self.target, begun)
         self._restore_rows(study)
         while (begun := self._told(study)) < self.target:
             first = begun - begun % self.spec.study.batch
@@ -180,8 +201,12 @@ class Run:
     def _restore_rows(self, study: optuna.Study) -> None:
         """Evaluate again the finished trials whose rows are gone."""
         known = {r["number"] for r in self.rows if r["kind"] == "trial"}
-        lost = [t for t in study.get_trials(deepcopy=False) if t.state.is_finished() and t.number not in known]
-        self._evaluate("search", [self._task(t) for t in lost])
+        lost = [
+            t for t in study.get_trials(deepcopy=False) if t.state.is_finished() and t.number not in known
+        ]
+        if lost:
+            self.listen.begin("restored", len(lost), 0)
+        self._evaluate("restored", [self._task(t) for t in lost])
 
     def _stop_when_failing(self, known: Mapping[int, Row]) -> None:
         states = [known[n]["state"] == "FAIL" for n in sorted(known)]
@@ -194,14 +219,23 @@ class Run:
         full = self.spec.design({}).tables["sampling"].replicates  # type: ignore[attr-defined]
         present = {r["number"] for r in rows if r["kind"] == "leader"}
         return [
-            Task("leader", self.spec.overrides(parameters(r)), full, number=r["number"], parameters=parameters(r))
+            Task(
+                "leader",
+                self.spec.overrides(parameters(r)),
+                full,
+                number=r["number"],
+                parameters=parameters(r),
+            )
             for r in leaders(self.spec, rows)
             if r["number"] not in present
         ]
 
     def _leaders(self) -> None:
         """The best trials, with all replicates."""
-        self._evaluate("leaders", self._missing_leaders(self.rows))
+        missing = self._missing_leaders(self.rows)
+        if missing:
+            self.listen.begin("leaders", len(missing), 0)
+        self._evaluate("leaders", missing)
 
 
 def leaders(spec: StudySpec, rows: Sequence[Row], count: int = LEADERS) -> list[Row]:
@@ -219,10 +253,10 @@ def parameters(result: Row) -> dict[str, float]:
     return {k.removeprefix(prefix): v for k, v in result.items() if k.startswith(prefix) and v is not None}
 
 
-def run(spec: StudySpec, runs: Path, listen: Listener = lambda stage, row: None) -> Store:
+def run(spec: StudySpec, runs: Path, listen: Listener | None = None) -> Store:
     """Run a study to its target and return its store."""
     store = Store(runs / spec.study.name)
-    Run(spec, store, listen).execute()
+    Run(spec, store, listen or Silent()).execute()
     return store
 
 
@@ -234,5 +268,3 @@ def _digest(result: Row) -> str:
     import json
 
     return digest(json.loads(result["overrides"]))
-
-

@@ -83,7 +83,9 @@ class Store:
                 same = stored["hash"] == spec.hash
                 identity = stored["identity"]
             except (ValueError, KeyError, TypeError):
-                raise StoreError(f"{path}: is damaged. Run with --fresh to keep the old results aside and begin anew.") from None
+                raise StoreError(
+                    f"{path}: is damaged. Run with --fresh to keep the old results aside and begin anew."
+                ) from None
             if same:
                 return
             changed = differences(identity, json.loads(json.dumps(spec.identity)))
@@ -165,7 +167,11 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         if isinstance(error, BlockingIOError):
             raise
-        remedy = "Free some space" if error.errno == errno.ENOSPC else "Make it writable, or choose another --runs folder"
+        remedy = (
+            "Free some space"
+            if error.errno == errno.ENOSPC
+            else "Make it writable, or choose another --runs folder"
+        )
         raise StoreError(
             f"{path}: cannot be written: {error.strerror}. {remedy}; finished trials are kept, run again to continue."
         ) from error

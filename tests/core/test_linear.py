@@ -38,7 +38,7 @@ def test_volume_is_the_product_of_the_singular_values(shape):
 
 @pytest.mark.parametrize("shape", [(3, 3), (3, 5), (5, 3), (6, 6), (6, 7), (6, 12), (6, 4)])
 def test_volume_near_a_singularity_keeps_its_digits(shape):
-    """A Gram determinant would lose all of them: 1e-6 squared is 1e-12 of the other singular values' squares."""
+    """A Gram determinant would square the condition number and lose four of the digits asked for."""
     U, s, Vt = np.linalg.svd(np.random.default_rng(1).normal(size=(200, *shape)), full_matrices=False)
     s[:, -1] = 1e-6
     A = (U * s[:, None, :]) @ Vt

@@ -1,6 +1,7 @@
 """Traced and compiled columns compute what NumPy computes; the tape shares, folds and forgets."""
 
 import math
+from operator import add, gt, mul, neg, sub
 
 import numpy as np
 import pytest
@@ -38,7 +39,7 @@ OPERATIONS = {
     "less or equal": lambda x, y: symbols.where(x <= 1.0, x, -y),
     "greater": lambda x, y: symbols.where(x > y, 1.0, y),
     "greater or equal": lambda x, y: symbols.where(x >= 1.0, 1.0, 0.0),
-    "number less than": lambda x, y: symbols.where(1.0 < x, x, 0.0),
+    "number greater than": lambda x, y: symbols.where(gt(1.0, x), 0.0, x),
     "and": lambda x, y: symbols.where(in_unit_interval(x), x, y),
     "dot": lambda x, y: symbols.dot([x, 2.0, y], [y, x, 3.0]),
     "cross": lambda x, y: symbols.cross([x, y, 0.0], [y, x, 1.0])[2],
@@ -92,9 +93,9 @@ def test_compiled_operation_that_rounds_correctly_equals_numpy_exactly(name, com
 
 
 @pytest.mark.parametrize(("name", "reference"), [("sin", np.sin), ("cos", np.cos)])
-def test_sine_and_cosine_within_2e_16(name, reference, compiled):
+def test_sine_and_cosine_within_3e_16(name, reference, compiled):
     exact = reference(inputs()[:, 0].astype(np.longdouble))
-    assert np.abs(compiled[name] - exact).max() < 2.3e-16
+    assert np.abs(compiled[name] - exact).max() < 3e-16
 
 
 @pytest.mark.parametrize(("name", "reference"), [("sin", np.sin), ("cos", np.cos)])
@@ -166,7 +167,7 @@ FOLDED = {
     "minus zero": lambda x: x - 0.0,
     "times one": lambda x: x * 1.0,
     "one times": lambda x: np.float64(1.0) * x,
-    "negated twice": lambda x: -(-x),
+    "negated twice": lambda x: neg(neg(x)),
     "times minus one, negated": lambda x: -(x * -1.0),
     "zero minus, negated": lambda x: -(0.0 - x),
 }
@@ -241,54 +242,37 @@ def test_symbols_join_false_in_an_and(x):
     assert (x < 1.0) & False is False
 
 
-class Evaluator:
-    """A slow interpreter of a tape, for comparison with NumPy."""
-
-    BINARY = {
-        "add": lambda a, b: a + b,
-        "sub": lambda a, b: a - b,
-        "mul": lambda a, b: a * b,
-    }
-
-    def __init__(self, tape, values):
-        self.tape, self.values = tape, values
-
-    def __call__(self, symbol):
-        if not isinstance(symbol, Symbol):
-            return symbol
-        operation, operands = self.tape.nodes[symbol.index]
-        if operation == "input":
-            return self.values[operands[0]]
-        if operation == "constant":
-            return operands[0]
-        values = [self(Symbol(self.tape, o)) for o in operands]
-        return -values[0] if operation == "neg" else self.BINARY[operation](*values)
+def value_of(symbol, inputs):
+    """A slow interpreter of the tape; numbers are their own value."""
+    if not isinstance(symbol, Symbol):
+        return symbol
+    operation, operands = symbol.tape.nodes[symbol.index]
+    if operation == "input":
+        return inputs[operands[0]]
+    if operation == "constant":
+        return operands[0]
+    values = [value_of(Symbol(symbol.tape, o), inputs) for o in operands]
+    return {"add": add, "sub": sub, "mul": mul, "neg": neg}[operation](*values)
 
 
 NUMBERS = st.sampled_from([-1.0, 0.0, 1.0, 0.5])
 EXPRESSIONS = st.recursive(
     st.sampled_from(["x", "y"]) | NUMBERS,
-    lambda inner: st.tuples(st.sampled_from("+-*"), inner, inner) | st.tuples(st.just("n"), inner),
+    lambda inner: st.tuples(st.sampled_from([add, sub, mul]), inner, inner) | st.tuples(st.just(neg), inner),
     max_leaves=12,
 )
 
 
 def built(expression, names):
-    if isinstance(expression, str):
-        return names[expression]
-    if isinstance(expression, float):
-        return expression
+    if not isinstance(expression, tuple):
+        return names.get(expression, expression)
     operation, *operands = expression
-    values = [built(o, names) for o in operands]
-    return {"+": lambda a, b: a + b, "-": lambda a, b: a - b, "*": lambda a, b: a * b, "n": lambda a: -a}[
-        operation
-    ](*values)
+    return operation(*(built(o, names) for o in operands))
 
 
 @given(EXPRESSIONS)
 def test_folding_does_not_change_the_value(expression):
-    tape = Tape()
-    values = (0.75, -2.25)
+    tape, inputs = Tape(), (0.75, -2.25)
     traced = built(expression, {"x": tape.node("input", 0), "y": tape.node("input", 1)})
-    expected = built(expression, dict(zip("xy", values, strict=True)))
-    assert math.isclose(Evaluator(tape, values)(traced), expected, rel_tol=1e-12, abs_tol=1e-12)
+    expected = built(expression, dict(zip("xy", inputs, strict=True)))
+    assert math.isclose(value_of(traced, inputs), expected, rel_tol=1e-12, abs_tol=1e-12)

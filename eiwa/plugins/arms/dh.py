@@ -43,7 +43,9 @@ class DhJoint(Parameters):
     @classmethod
     def _limits_increase(cls, limits: list[float] | None) -> list[float] | None:
         if limits is not None and not limits[0] < limits[1]:
-            raise ValueError("must increase: write [low, high] with low < high, or kind = 'fixed' without limits")
+            raise ValueError(
+                "must increase: write [low, high] with low < high, or kind = 'fixed' without limits"
+            )
         return limits
 
     @model_validator(mode="after")

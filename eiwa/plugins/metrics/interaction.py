@@ -118,7 +118,10 @@ def eiwa_metrics() -> list[Plugin]:
             ),
         ),
         Plugin(
-            "F_volume", FVolumeParameters, FVolume, (Number("F_volume", "", "share with V_dual >= isovalue", 0.0, 1.0),)
+            "F_volume",
+            FVolumeParameters,
+            FVolume,
+            (Number("F_volume", "", "share with V_dual >= isovalue", 0.0, 1.0),),
         ),
         Plugin(
             "mean_dexterity",

@@ -1,0 +1,5 @@
+"""``python -m eiwa``."""
+
+from eiwa.cli import main
+
+main()

@@ -1,0 +1,53 @@
+"""The command line: the only place that prints. Heavy imports wait inside the commands, so that --help is instant."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import typer
+
+from eiwa.cli import evaluate, plugins, study
+
+app = typer.Typer(
+    name="eiwa",
+    help="Which link lengths, base spacing and placement give operators the largest dexterous workspace "
+    "where their hands are comfortable?",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.add_typer(study.app, name="study")
+app.add_typer(plugins.app, name="plugins")
+app.command("evaluate")(evaluate.evaluate)
+
+
+@app.callback(invoke_without_command=True)
+def _version(show: bool = typer.Option(False, "--version", help="Print the version and exit.")) -> None:
+    if show:
+        from eiwa.core.version import __version__
+
+        print(f"eiwa {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; errors that eiwa raises on purpose end with their message and exit code 2."""
+    if sys.platform not in ("linux", "darwin"):
+        sys.exit("eiwa runs on Linux and macOS.")
+    from eiwa.core.errors import EiwaError
+
+    try:
+        app()
+    except EiwaError as error:
+        from eiwa.cli.console import fail
+
+        fail(error)
+    except KeyboardInterrupt:
+        print("\nStopped. Finished trials are kept; run the same command to continue.", file=sys.stderr)
+        sys.stderr.flush()
+        os._exit(130)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)

@@ -1,0 +1,72 @@
+"""``eiwa evaluate``: one design."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from eiwa.cli.console import AsJson, Settings, StudyFile, err, listen_to_log, out, print_json, settings
+
+
+def evaluate(
+    study: StudyFile,
+    design: Annotated[
+        str | None, typer.Option("--design", metavar="NAME", help="A named design of the study.")
+    ] = None,
+    set_: Settings = None,
+    replicates: Annotated[
+        int | None,
+        typer.Option("--replicates", min=1, help="Independent streams; the study's number when not given."),
+    ] = None,
+    figure: Annotated[
+        str | None,
+        typer.Option("--figure", metavar="FILE", help="Draw the interaction workspace (png, pdf, svg)."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Evaluate one design: the study file's own values, or a named design's, with --set on top."""
+    from eiwa.cli import tables
+    from eiwa.core.errors import SpecError
+    from eiwa.core.outcome import evaluate as outcome_of
+    from eiwa.core.spec import load
+    from eiwa.core.tree import did_you_mean
+
+    listen_to_log()
+    spec = load(Path(study))
+    if design is not None and design not in spec.designs:
+        raise SpecError(
+            f"--design {design}: the study has no such design{did_you_mean(design, spec.designs)}"
+        )
+    overrides = {**(spec.designs[design].overrides if design else {}), **settings(set_)}
+    tables_of = spec.design(overrides).tables["sampling"]
+    count = replicates or tables_of.replicates  # type: ignore[attr-defined]
+    outcome = outcome_of(spec, overrides, count)
+    if figure:
+        from eiwa.report.figure import draw
+
+        draw(spec, overrides, Path(figure), title=design or "")
+        err().print(f"Drew {figure}.", markup=False)
+    if as_json:
+        objectives = {o.label: v for o, v in zip(spec.objectives, outcome.objectives, strict=True)}
+        constraints = {c.label: v for c, v in zip(spec.constraints, outcome.violations, strict=True)}
+        print_json(
+            {
+                "study": spec.study.name,
+                "design": design,
+                "overrides": overrides,
+                "replicates": count,
+                "metrics": outcome.scenarios[""],
+                "scenarios": {k: v for k, v in outcome.scenarios.items() if k},
+                "objectives": objectives,
+                "violations": constraints,
+                "feasible": outcome.feasible,
+            }
+        )
+        return
+    console = out()
+    console.print(tables.metrics(spec, outcome.scenarios, f"Design {design or 'as written in ' + study}"))
+    for constraint, violation in zip(spec.constraints, outcome.violations, strict=True):
+        state = "met" if violation <= 0 else f"not met (by {violation:.4g})"
+        console.print(f"constraint {constraint.label}: {state}", markup=False)

@@ -1,0 +1,58 @@
+"""Progress of a study on stderr: stage, count, best so far, time left."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from eiwa.core.spec import StudySpec
+
+if TYPE_CHECKING:
+    from eiwa.study.rows import Row
+
+
+class StudyProgress:
+    """Listens to a run: one bar a stage."""
+
+    def __init__(self, spec: StudySpec, console: Any) -> None:
+        self._spec = spec
+        self._best: Row | None = None
+        self._tasks: dict[str, Any] = {}
+        self._progress = Progress(
+            TextColumn("{task.description:<9}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[best]}"),
+            TimeRemainingColumn(compact=True),
+            console=console,
+        )
+
+    def __enter__(self) -> StudyProgress:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._progress.stop()
+
+    def begin(self, stage: str, total: int, done: int) -> None:
+        """A stage with ``done`` of ``total`` evaluations behind it."""
+        self._tasks[stage] = self._progress.add_task(stage, total=total, completed=done, best="")
+
+    def __call__(self, stage: str, row: Row) -> None:
+        """One more evaluation."""
+        if stage == "search" and row["state"] == "COMPLETE" and row["feasible"] and self._better(row):
+            self._best = row
+        self._progress.update(self._tasks[stage], advance=1, best=self._label() if stage == "search" else "")
+
+    def _better(self, row: Row) -> bool:
+        sign = 1.0 if self._spec.objectives[0].direction == "maximize" else -1.0
+        return self._best is None or sign * (row["objectives.0"] - self._best["objectives.0"]) > 0
+
+    def _label(self) -> str:
+        if self._best is None:
+            return ""
+        return f"best {self._spec.objectives[0].label} {self._best['objectives.0']:.4f}"

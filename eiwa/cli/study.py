@@ -1,0 +1,140 @@
+"""``eiwa study``: run, check, show."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, settings
+
+if TYPE_CHECKING:
+    from eiwa.core.spec import StudySpec
+    from eiwa.study.rows import Row
+    from eiwa.study.store import Store
+
+app = typer.Typer(help="Run, check and look at studies.", no_args_is_help=True)
+
+
+@app.command("run")
+def run(
+    study: StudyFile,
+    fresh: bool = typer.Option(False, "--fresh", help="Begin anew; old results are kept aside."),
+    runs: Runs = "runs",
+    set_: Settings = None,
+    as_json: AsJson = False,
+) -> None:
+    """Evaluate the named designs, search, and show the best; an interrupted study is continued."""
+    from eiwa.cli.progress import StudyProgress
+    from eiwa.core.spec import load
+    from eiwa.study.run import Run
+    from eiwa.study.store import Store
+
+    listen_to_log()
+    spec = load(Path(study), settings(set_))
+    store = Store(Path(runs) / spec.study.name)
+    console = err()
+    if fresh and (aside := store.set_aside()):
+        console.print(f"Old results are kept in {aside}.", markup=False)
+    with StudyProgress(spec, console) as progress:
+        finished = Run(spec, store, progress).execute()
+    if not finished:
+        console.print(
+            f"Study {spec.study.name} is complete ({store.folder}); nothing was left to do.", markup=False
+        )
+    _report(spec, store, study, as_json)
+
+
+@app.command("show")
+def show(study: StudyFile, runs: Runs = "runs", set_: Settings = None, as_json: AsJson = False) -> None:
+    """Show the results that a study has so far."""
+    from eiwa.core.errors import StoreError
+    from eiwa.core.spec import load
+    from eiwa.study.store import Store
+
+    spec = load(Path(study), settings(set_))
+    store = Store(Path(runs) / spec.study.name)
+    if not store.exists():
+        raise StoreError(f"{store.folder}: has no results yet. Run: eiwa study run {shlex.quote(study)}")
+    _report(spec, store, study, as_json)
+
+
+@app.command("check")
+def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> None:
+    """Validate a study file; tell cells, memory and seconds per trial."""
+    from eiwa.cli import tables
+    from eiwa.core.spec import load
+    from eiwa.study.estimate import estimate
+
+    listen_to_log()
+    spec = load(Path(study), settings(set_))
+    cost = estimate(spec)
+    if as_json:
+        print_json({"study": spec.study.name, "hash": spec.hash, **cost.as_dict()})
+        return
+    console = out()
+    console.print(f"{study} is valid.", markup=False)
+    console.print(tables.cost(spec, cost))
+
+
+def _report(spec: StudySpec, store: Store, study: str, as_json: bool) -> None:
+    from eiwa.cli import tables
+
+    rows = store.rows()
+    if as_json:
+        print_json(_summary(spec, store, rows))
+        return
+    console = out()
+    console.print(tables.results(spec, rows))
+    for table in (tables.scenarios(spec, rows), tables.assumptions(spec)):
+        if table is not None:
+            console.print(table)
+    for line in [*_remarks(spec, rows), *_next(store, study)]:
+        console.print(line, markup=False)
+
+
+def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:
+    from eiwa.study.run import leaders
+
+    trials = [r for r in rows if r["kind"] == "trial"]
+    return {
+        "study": spec.study.name,
+        "hash": spec.hash,
+        "folder": str(store.folder),
+        "trials": len(trials),
+        "target": spec.study.trials,
+        "failed": sum(r["state"] == "FAIL" for r in trials),
+        "designs": [r for r in rows if r["kind"] == "design"],
+        "best": leaders(spec, trials),
+        "leaders": [r for r in rows if r["kind"] == "leader"],
+        "assumptions": dict(spec.assumptions),
+    }
+
+
+def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
+    """What the reader of the table must know."""
+    trials = [r for r in rows if r["kind"] == "trial"]
+    failed = [r for r in trials if r["state"] == "FAIL"]
+    lines = []
+    if failed:
+        lines.append(f"{len(failed)} of {len(trials)} trials failed; the last said: {failed[-1]['message']}")
+    if trials and not any(r["feasible"] for r in trials):
+        bounds = ", ".join(c.label for c in spec.constraints)
+        lines.append(f"No trial meets the constraints ({bounds}): widen them, or the search.")
+    if len(trials) < spec.study.trials and trials:
+        lines.append(f"{len(trials)} trials of {spec.study.trials} so far.")
+    return lines
+
+
+def _next(store: Store, study: str) -> list[str]:
+    lines = ["Where to look next:"]
+    lines.append(f"  every evaluation   {store.folder / 'trials'}/*.parquet (pandas, polars, DuckDB)")
+    if store.journal.exists():
+        lines.append(
+            f"  search in pictures optuna-dashboard {store.journal}   (pip install 'eiwa[dashboard]')"
+        )
+    first = f"eiwa evaluate {shlex.quote(study)} --figure workspace.png"
+    lines.append(f"  one design         {first}")
+    return lines

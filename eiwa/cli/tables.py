@@ -1,0 +1,203 @@
+"""Tables of results, at most 80 columns wide."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+from rich.text import Text
+
+from eiwa.core.spec import REFERENCE, StudySpec
+from eiwa.core.tree import lookup
+
+if TYPE_CHECKING:
+    from eiwa.study.estimate import Cost
+    from eiwa.study.rows import Row
+
+MAX_VALUES = 4
+
+
+def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
+    """Named designs and leaders: what varies, the objective with its error, what was published."""
+    from eiwa.study.run import leaders
+
+    paths = varied(spec)[:MAX_VALUES]
+    metrics = shown_metrics(spec)
+    published = sorted({m for d in spec.designs.values() for m in d.published})
+    table = _table(f"Study {spec.study.name}")
+    table.add_column("design", no_wrap=True)
+    for path in paths:
+        table.add_column(_short(path), justify="right")
+    for metric in metrics:
+        table.add_column(f"{metric} ± se" if metric == "F" else metric, justify="right", no_wrap=True)
+    for metric in published:
+        table.add_column(f"published {metric}", justify="right")
+    best = leaders(spec, rows)
+    full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
+    shown = [(r["name"], r) for r in designs(spec, rows)]
+    shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
+    for position, (name, row) in enumerate(shown):
+        values = [_value(spec, row, path) for path in paths]
+        numbers = [number(row, metric) for metric in metrics]
+        design = spec.designs.get(name)
+        known = [_plain(design.published.get(m)) if design else "" for m in published]
+        first_leader = bool(best) and position == len(shown) - len(best)
+        table.add_row(Text(name), *values, *numbers, *known, style="bold" if first_leader else None)
+        if position == len(shown) - len(best) - 1 and best:
+            table.add_section()
+    return table
+
+
+def scenarios(spec: StudySpec, rows: Sequence[Row]) -> Table | None:
+    """The first metric of the same designs under every scenario."""
+    from eiwa.study.rows import metric_column
+    from eiwa.study.run import leaders
+
+    if len(spec.scenarios) < 2:
+        return None
+    metric = shown_metrics(spec)[0]
+    table = _table(f"{metric} under every scenario")
+    table.add_column("design", no_wrap=True)
+    for scenario in spec.scenarios[:6]:
+        label = _scenario_label(spec, scenario.label)
+        table.add_column(label, justify="right")
+    full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
+    shown = [(r["name"], r) for r in designs(spec, rows)]
+    shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in leaders(spec, rows)[:1]]
+    for name, row in shown:
+        cells = []
+        for scenario in spec.scenarios[:6]:
+            value, se = (row.get(metric_column(m, scenario.label)) for m in (metric, f"{metric}_se"))
+            cells.append(with_error(value, se))
+        table.add_row(Text(name), *cells)
+    return table
+
+
+def designs(spec: StudySpec, rows: Sequence[Row]) -> list[Row]:
+    """The newest row of every named design of the study file, in its order."""
+    newest = {r["name"]: r for r in rows if r["kind"] == "design" and r["state"] == "COMPLETE"}
+    return [newest[name] for name in spec.designs if name in newest]
+
+
+def shown_metrics(spec: StudySpec) -> list[str]:
+    """Metrics worth a column: the objectives', then F."""
+    named = [o.metric for o in spec.objectives if o.metric]
+    return list(dict.fromkeys([*named, "F"]))[:3]
+
+
+def metrics(spec: StudySpec, scenarios: Mapping[str, Mapping[str, float | None]], title: str) -> Table:
+    """Every number of one design, one column per scenario."""
+    units = {name: number for name, (_, number) in spec.registry.numbers().items()}
+    table = _table(title)
+    table.add_column("metric", no_wrap=True)
+    for label in scenarios:
+        table.add_column(_scenario_label(spec, label), justify="right")
+    table.add_column("meaning", style="dim")
+    names = [n for n in next(iter(scenarios.values())) if not n.endswith("_se")]
+    for name in names:
+        cells = [with_error(numbers[name], numbers.get(f"{name}_se")) for numbers in scenarios.values()]
+        unit = f" [{units[name].unit}]" if units[name].unit else ""
+        table.add_row(name, *cells, units[name].description + unit)
+    return table
+
+
+def number(row: Row, metric: str) -> str:
+    """A metric of a row with its error."""
+    return with_error(row.get(f"metrics.{metric}"), row.get(f"metrics.{metric}_se"))
+
+
+def with_error(value: float | None, error: float | None) -> str:
+    """A number with its standard error, to digits that mean something."""
+    if value is None:
+        return "-"
+    if error is None:
+        return f"{value:.4f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.2e}"
+    return f"{value:.4f} ± {error:.4f}"
+
+
+def varied(spec: StudySpec) -> list[str]:
+    """Paths that designs or the search change, searched ones first."""
+    named = [p for d in spec.designs.values() for p in d.overrides]
+    return list(dict.fromkeys([*spec.searched, *named]))
+
+
+def assumptions(spec: StudySpec) -> Table | None:
+    """Every assumption: its path, the value in force, why."""
+    if not spec.assumptions:
+        return None
+    table = _table("Assumptions (what the study's source does not state)")
+    table.add_column("what", style="cyan")
+    table.add_column("value", justify="left", max_width=22)
+    table.add_column("why", ratio=1)
+    for path, reason in spec.assumptions.items():
+        table.add_row(Text(path), Text(_shown(lookup(spec.resolved, path))), Text(reason))
+    return table
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return ""
+    if isinstance(value, list):
+        return ", ".join(f"{v:g}" if isinstance(v, float) else str(v) for v in value)
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _scenario_label(spec: StudySpec, label: str) -> str:
+    """A scenario's label with path steps cut; the reference by the value it has."""
+    if label != REFERENCE.label:
+        return " ".join(part.rsplit(".", 1)[-1] for part in label.split(" "))
+    paths = list(dict.fromkeys(p for s in spec.scenarios for p in s.overrides))
+    shown = " ".join(f"{p.rsplit('.', 1)[-1]}={_shown(lookup(spec.resolved, p))}" for p in paths)
+    return f"{shown} (reference)" if shown else "value"
+
+
+def _short(path: str) -> str:
+    """'arm.joints.upper.a' -> 'upper a', 'layout.spacing' -> 'spacing'."""
+    steps = path.split(".")
+    return (
+        " ".join(steps[2:])
+        if steps[:2] == ["arm", "joints"]
+        else steps[-1]
+        if len(steps) == 2
+        else " ".join(steps[-2:])
+    )
+
+
+def _value(spec: StudySpec, row: Row, path: str) -> str:
+    overrides = json.loads(row["overrides"])
+    return _plain(overrides.get(path, lookup(spec.resolved, path)))
+
+
+def _plain(value: Any) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _table(title: str) -> Table:
+    from rich import box
+
+    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+
+
+def cost(spec: StudySpec, cost: Cost) -> Table:
+    """What a run will take."""
+    table = _table(f"Study {spec.study.name}")
+    table.add_column("what")
+    table.add_column("how much", justify="right")
+    rows = [
+        ("cells of E's grid", f"{cost.cells:,}"),
+        ("memory for the grids", f"{cost.memory / 2**20:.1f} MiB"),
+        ("samples per evaluation", f"{lookup(spec.resolved, 'sampling.samples'):,}"),
+        ("scenarios", str(len(spec.scenarios))),
+        ("named designs", str(len(spec.designs))),
+        ("variables", ", ".join(spec.ranges) or "none"),
+        ("trials", str(cost.trials)),
+        ("time per trial", f"{cost.seconds_per_trial:.2f} s"),
+        ("time for the search", f"{cost.seconds:.0f} s"),
+    ]
+    for what, much in rows:
+        table.add_row(what, much)
+    return table
