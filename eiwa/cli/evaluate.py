@@ -42,7 +42,7 @@ def evaluate(
     overrides = {**(spec.designs[design].overrides if design else {}), **settings(set_)}
     tables_of = spec.design(overrides).tables["sampling"]
     count = replicates or tables_of.replicates  # type: ignore[attr-defined]
-    outcome = outcome_of(spec, overrides, count)
+    outcome = outcome_of(spec, overrides, count, named=design is not None)
     if figure:
         from eiwa.report.figure import draw
 

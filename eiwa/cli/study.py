@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -129,12 +130,10 @@ def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
 
 
 def _next(store: Store, study: str) -> list[str]:
-    lines = ["Where to look next:"]
-    lines.append(f"  every evaluation   {store.folder / 'trials'}/*.parquet (pandas, polars, DuckDB)")
+    lines = ["Where to look next:", f"  every evaluation  {store.folder / 'trials'}/*.parquet"]
     if store.journal.exists():
-        lines.append(
-            f"  search in pictures optuna-dashboard {store.journal}   (pip install 'eiwa[dashboard]')"
-        )
-    first = f"eiwa evaluate {shlex.quote(study)} --figure workspace.png"
-    lines.append(f"  one design         {first}")
+        lines.append(f"  the search        optuna-dashboard {store.journal}")
+        if find_spec("optuna_dashboard") is None:
+            lines.append("                    (first: pip install optuna-dashboard)")
+    lines.append(f"  one design        eiwa evaluate {shlex.quote(study)} --figure workspace.png")
     return lines

@@ -23,28 +23,35 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     """Named designs and leaders: what varies, the objective with its error, what was published."""
     from eiwa.study.run import leaders
 
-    paths = varied(spec)[:MAX_VALUES]
+    variables = len(spec.searched) > MAX_VALUES
+    columns = list(spec.ranges) if variables else varied(spec)
     metrics = shown_metrics(spec)
+    objectives = [(i, o.label) for i, o in enumerate(spec.objectives) if o.over != "reference"]
     published = sorted({m for d in spec.designs.values() for m in d.published})
     table = _table(f"Study {spec.study.name}")
     table.add_column("design", no_wrap=True)
-    for path in paths:
-        table.add_column(_short(path), justify="right")
+    for path in columns[:MAX_VALUES]:
+        table.add_column(_short(path).replace(" ", "\n"), justify="right", no_wrap=True)
     for metric in metrics:
         table.add_column(f"{metric} ± se" if metric == "F" else metric, justify="right", no_wrap=True)
+    for _, label in objectives:
+        table.add_column(label, justify="right", no_wrap=True)
     for metric in published:
-        table.add_column(f"published {metric}", justify="right")
+        table.add_column(f"published\n{metric}", justify="right", no_wrap=True)
     best = leaders(spec, rows)
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
     shown = [(r["name"], r) for r in designs(spec, rows)]
     shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
     for position, (name, row) in enumerate(shown):
-        values = [_value(spec, row, path) for path in paths]
+        values = [_value(spec, row, column, variables) for column in columns[:MAX_VALUES]]
         numbers = [number(row, metric) for metric in metrics]
+        values_of = [_plain(row.get(f"objectives.{i}")) for i, _ in objectives]
         design = spec.designs.get(name)
         known = [_plain(design.published.get(m)) if design else "" for m in published]
         first_leader = bool(best) and position == len(shown) - len(best)
-        table.add_row(Text(name), *values, *numbers, *known, style="bold" if first_leader else None)
+        table.add_row(
+            Text(name), *values, *numbers, *values_of, *known, style="bold" if first_leader else None
+        )
         if position == len(shown) - len(best) - 1 and best:
             table.add_section()
     return table
@@ -89,17 +96,19 @@ def shown_metrics(spec: StudySpec) -> list[str]:
 
 def metrics(spec: StudySpec, scenarios: Mapping[str, Mapping[str, float | None]], title: str) -> Table:
     """Every number of one design, one column per scenario."""
-    units = {name: number for name, (_, number) in spec.registry.numbers().items()}
+    known = {name: number for name, (_, number) in spec.registry.numbers().items()}
     table = _table(title)
     table.add_column("metric", no_wrap=True)
     for label in scenarios:
-        table.add_column(_scenario_label(spec, label), justify="right")
-    table.add_column("meaning", style="dim")
-    names = [n for n in next(iter(scenarios.values())) if not n.endswith("_se")]
-    for name in names:
-        cells = [with_error(numbers[name], numbers.get(f"{name}_se")) for numbers in scenarios.values()]
-        unit = f" [{units[name].unit}]" if units[name].unit else ""
-        table.add_row(name, *cells, units[name].description + unit)
+        table.add_column(_scenario_label(spec, label).replace(" (", "\n("), justify="right", no_wrap=True)
+    explained = len(scenarios) == 1
+    if explained:
+        table.add_column("meaning", style="dim")
+    for name in next(iter(scenarios.values())):
+        if not name.endswith("_se"):
+            cells = [with_error(numbers[name], numbers.get(f"{name}_se")) for numbers in scenarios.values()]
+            unit = f" [{known[name].unit}]" if known[name].unit else ""
+            table.add_row(Text(name + unit), *cells, *([known[name].description] if explained else []))
     return table
 
 
@@ -165,15 +174,20 @@ def _short(path: str) -> str:
     )
 
 
-def _value(spec: StudySpec, row: Row, path: str) -> str:
+def _value(spec: StudySpec, row: Row, column: str, variable: bool) -> str:
+    """What a row has in a column: its own value at a path, the study's, or its variable's."""
+    if variable:
+        return _plain(row.get(f"parameters.{column}"))
     overrides = json.loads(row["overrides"])
-    return _plain(overrides.get(path, lookup(spec.resolved, path)))
+    return _plain(overrides.get(column, lookup(spec.resolved, column)))
 
 
 def _plain(value: Any) -> str:
     if value is None:
         return ""
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+    return (
+        (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}") if isinstance(value, float) else str(value)
+    )
 
 
 def _table(title: str) -> Table:

@@ -13,7 +13,7 @@ from eiwa.core.estimators import Sampling
 from eiwa.core.evaluation import Layout, Setup
 from eiwa.core.findings import validated
 from eiwa.core.hookspecs import Parameters, Plugin
-from eiwa.core.interfaces import Operator
+from eiwa.core.interfaces import HumanModel, Operator
 from eiwa.core.registry import Registry
 from eiwa.core.sections import (
     DexteritySection,
@@ -54,9 +54,9 @@ class Design:
         assert isinstance(layout, LayoutSection) and isinstance(operator, OperatorSection)
         assert isinstance(dexterity, DexteritySection) and isinstance(voxels, VoxelsSection)
         assert isinstance(sampling, SamplingSection)
-        arm, index, human, backend = (
-            plugin.build(parameters) for plugin, parameters in (self.plugins[k] for k in _PLUGGED)
-        )
+        parts = [self.plugins[section] for section in ("arm", "dexterity", "voxels")]
+        arm, index, backend = (plugin.build(parameters) for plugin, parameters in parts)
+        human_key, human = _human(*self.plugins["human"])
         roll, pitch, yaw = (float(angle) for angle in np.deg2rad(layout.orientation))
         x, y, z = layout.offset
         return Setup(
@@ -66,7 +66,7 @@ class Design:
             threshold=dexterity.threshold,
             layout=Layout(layout.spacing, (x, y, z), (roll, pitch, yaw), layout.second, layout.alpha),
             human=human,
-            human_key=f"{self.plugins['human'][0].name} {self.plugins['human'][1].model_dump_json()}",
+            human_key=human_key,
             operator=Operator(operator.armrest, operator.seat),
             backend=backend,
             r=voxels.size,
@@ -78,6 +78,19 @@ class Design:
 
 
 _PLUGGED = ("arm", "dexterity", "human", "voxels")
+_humans: dict[str, HumanModel] = {}
+
+
+def _human(plugin: Plugin, parameters: Parameters) -> tuple[str, HumanModel]:
+    """A human model and what tells it from others; kept, because a search over arms builds the same one every time."""
+    key = f"{plugin.name} {plugin.build!r} {parameters.model_dump_json()}"
+    if key not in _humans:
+        if len(_humans) >= 32:
+            del _humans[next(iter(_humans))]
+        _humans[key] = plugin.build(parameters)
+    return key, _humans[key]
+
+
 _OWN: dict[str, type[Parameters]] = {
     "layout": LayoutSection,
     "operator": OperatorSection,

@@ -33,7 +33,8 @@ def maximum(
     the gradient is of the order of h, so the value is within about h^2 of a local maximum.
     """
     values = f(u) if values is None else values
-    best = np.argsort(-values, kind="stable")[:starts]
+    best = np.argpartition(-values, min(starts, len(u) - 1))[:starts]
+    best = best[np.lexsort((best, -values[best]))]
     points, heights = np.array(u[best], float), np.array(values[best], float)
     n, dof = points.shape
     steps = np.full(n, 2.0**-4)

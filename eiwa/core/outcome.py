@@ -27,7 +27,7 @@ class Outcome:
     """What one design came to: numbers per scenario label (the reference's is empty), values, violations (<= 0: met)."""
 
     scenarios: Mapping[str, Numbers]
-    objectives: Sequence[float]
+    objectives: Sequence[float | None]
     violations: Sequence[float]
     replicates: int
 
@@ -37,8 +37,12 @@ class Outcome:
         return all(v <= 0 for v in self.violations)
 
 
-def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1) -> Outcome:
+def evaluate(
+    spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1, *, named: bool = False
+) -> Outcome:
     """Evaluate a design under every scenario, then its objectives and constraints.
+
+    ``named`` says that the overrides are a named design's own: an objective over all named designs then has no value.
 
     Raises
     ------
@@ -50,7 +54,10 @@ def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1)
     violations = []
     for constraint in spec.constraints:
         violations.append(constraint.violation(_number(reference, constraint.metric, "constraints")))
-    objectives = [_objective(spec, objective, scenarios, overrides) for objective in spec.objectives]
+    objectives = [
+        None if named and objective.over == "designs" else _objective(spec, objective, scenarios, overrides)
+        for objective in spec.objectives
+    ]
     return Outcome(scenarios, objectives, violations, replicates)
 
 

@@ -49,11 +49,8 @@ class Stream:
         start = first - first % BLOCK
         blocks = -(-(first + count - start) // BLOCK)
         points = np.empty((blocks * BLOCK, dimensions))
-        rows = np.empty(dimensions * BLOCK)
-        fill, table, key = FILLS[self.sequence], self.table(dimensions), np.uint64(self.key)
-        for b in range(blocks):
-            fill(rows, BLOCK, dimensions, np.uint64(start + b * BLOCK), key, table)
-            points[b * BLOCK : (b + 1) * BLOCK] = rows.reshape(dimensions, BLOCK).T
+        sobol, key = self.sequence == "sobol", np.uint64(self.key)
+        _fill_points(points, sobol, np.uint64(start), key, self.table(dimensions))
         return points[first - start : first - start + count]
 
 
@@ -92,6 +89,20 @@ def fill_sobol(w: Any, stride: int, dimensions: int, start: Any, key: Any, table
             else:
                 bits = (x >> np.uint64(9)) | np.uint64(0x3F800000)
                 w[j * stride + s] = float32_from_bits(bits) - np.float32(1.0 - 2.0**-24)
+
+
+@compiled
+def _fill_points(points: Any, sobol: Any, start: Any, key: Any, table: Any) -> None:
+    dimensions = points.shape[1]
+    w = np.empty(dimensions * 256)
+    for block in range(0, points.shape[0], 256):
+        if sobol:
+            fill_sobol(w, 256, dimensions, start + np.uint64(block), key, table)
+        else:
+            fill_plain(w, 256, dimensions, start + np.uint64(block), key, table)
+        for s in range(256):
+            for j in range(dimensions):
+                points[block + s, j] = w[j * 256 + s]
 
 
 FILLS = {"plain": fill_plain, "sobol": fill_sobol}

@@ -104,7 +104,7 @@ def row(spec: StudySpec, task: Task) -> Row:
 
 
 def _numbers(spec: StudySpec, task: Task) -> Row:
-    outcome = evaluate(spec, task.overrides, task.replicates)
+    outcome = evaluate(spec, task.overrides, task.replicates, named=task.kind == "design")
     numbers = {
         metric_column(name, label): value
         for label, metrics in outcome.scenarios.items()

@@ -112,7 +112,7 @@ class EhemParameters(Parameters):
         return self
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Ehem(HumanModel):
     """E = comfort in every cell that a grip can reach.
 
@@ -122,9 +122,6 @@ class Ehem(HumanModel):
     """
 
     parameters: EhemParameters
-
-    def __hash__(self) -> int:
-        return hash(self.parameters.model_dump_json())
 
     @cached_property
     def _chain(self) -> SerialChain:

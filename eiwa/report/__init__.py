@@ -1,0 +1,1 @@
+"""Stored rows and re-evaluated designs as figures."""
