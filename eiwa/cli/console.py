@@ -15,13 +15,9 @@ from eiwa.core.errors import EiwaError, SpecError
 StudyFile = Annotated[str, typer.Argument(metavar="STUDY.toml", help="The study file.")]
 Settings = Annotated[
     list[str] | None,
-    typer.Option(
-        "--set", metavar="PATH=VALUE", help="Put another value at a path of the study file; repeatable."
-    ),
+    typer.Option("--set", metavar="PATH=VALUE", help="Put another value at a path of the study file; repeatable."),
 ]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print one JSON object on stdout, everything else on stderr.")
-]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, everything else on stderr.")]
 Runs = Annotated[str, typer.Option("--runs", metavar="DIR", help="Where the folders of studies are.")]
 
 

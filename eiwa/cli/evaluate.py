@@ -12,9 +12,7 @@ from eiwa.cli.console import AsJson, Settings, StudyFile, err, listen_to_log, ou
 
 def evaluate(
     study: StudyFile,
-    design: Annotated[
-        str | None, typer.Option("--design", metavar="NAME", help="A named design of the study.")
-    ] = None,
+    design: Annotated[str | None, typer.Option("--design", metavar="NAME", help="A named design of the study.")] = None,
     set_: Settings = None,
     replicates: Annotated[
         int | None,
@@ -36,9 +34,7 @@ def evaluate(
     listen_to_log()
     spec = load(Path(study))
     if design is not None and design not in spec.designs:
-        raise SpecError(
-            f"--design {design}: the study has no such design{did_you_mean(design, spec.designs)}"
-        )
+        raise SpecError(f"--design {design}: the study has no such design{did_you_mean(design, spec.designs)}")
     overrides = {**(spec.designs[design].overrides if design else {}), **settings(set_)}
     tables_of = spec.design(overrides).tables["sampling"]
     count = replicates or tables_of.replicates  # type: ignore[attr-defined]

@@ -42,9 +42,7 @@ def run(
     with StudyProgress(spec, console) as progress:
         finished = Run(spec, store, progress).execute()
     if not finished:
-        console.print(
-            f"Study {spec.study.name} is complete ({store.folder}); nothing was left to do.", markup=False
-        )
+        console.print(f"Study {spec.study.name} is complete ({store.folder}); nothing was left to do.", markup=False)
     _report(spec, store, study, as_json)
 
 
@@ -93,7 +91,7 @@ def _report(spec: StudySpec, store: Store, study: str, as_json: bool) -> None:
         if table is not None:
             console.print(table)
     for line in [*_remarks(spec, rows), *_next(store, study)]:
-        console.print(line, markup=False)
+        console.print(line, markup=False, soft_wrap=True)
 
 
 def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:

@@ -49,9 +49,7 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
         design = spec.designs.get(name)
         known = [_plain(design.published.get(m)) if design else "" for m in published]
         first_leader = bool(best) and position == len(shown) - len(best)
-        table.add_row(
-            Text(name), *values, *numbers, *values_of, *known, style="bold" if first_leader else None
-        )
+        table.add_row(Text(name), *values, *numbers, *values_of, *known, style="bold" if first_leader else None)
         if position == len(shown) - len(best) - 1 and best:
             table.add_section()
     return table
@@ -185,15 +183,20 @@ def _value(spec: StudySpec, row: Row, column: str, variable: bool) -> str:
 def _plain(value: Any) -> str:
     if value is None:
         return ""
-    return (
-        (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}") if isinstance(value, float) else str(value)
-    )
+    return (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}") if isinstance(value, float) else str(value)
 
 
 def _table(title: str) -> Table:
     from rich import box
 
-    return Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD, pad_edge=False)
+    return Table(
+        title=title,
+        title_justify="left",
+        title_style="bold",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        collapse_padding=True,
+    )
 
 
 def cost(spec: StudySpec, cost: Cost) -> Table:

@@ -1,0 +1,1 @@
+"""Numerics, the study file, and the plugin registry."""

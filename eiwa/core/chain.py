@@ -67,9 +67,7 @@ class SerialChain(TracedArm):
     def __post_init__(self) -> None:
         movable = len(self.movable)
         if not 1 <= movable <= MAX_JOINTS:
-            raise SpecError(
-                finding("arm.joints", f"{movable} movable joints; a chain has 1 to {MAX_JOINTS}.")
-            )
+            raise SpecError(finding("arm.joints", f"{movable} movable joints; a chain has 1 to {MAX_JOINTS}."))
         for joint in self.movable:
             _check_limits(joint)
 
@@ -116,7 +114,7 @@ class SerialChain(TracedArm):
     @cached_property
     def _free(self) -> NDArray[np.bool_]:
         """Which entries of the fixed transforms are parameters of the kernel."""
-        free = self.Ts_fixed[:, :3, :] != 0.0
+        free: NDArray[np.bool_] = self.Ts_fixed[:, :3, :] != 0.0
         free[:, :, :3] &= np.abs(self.Ts_fixed[:, :3, :3]) != 1.0
         return free
 
@@ -133,7 +131,7 @@ class SerialChain(TracedArm):
         return tuple(j.kind for j in self.movable), self.limited, folded.tobytes()
 
     @cached_property
-    def link_length(self) -> float:  # type: ignore[override]
+    def link_length(self) -> float:
         """Sum of the distances between consecutive frames, tool included [m]."""
         Ts = [joint.T_parent_joint for joint in self.joints] + [self.T_last_tip]
         return float(sum(np.linalg.norm(T[:3, 3]) for T in Ts))
@@ -241,9 +239,7 @@ def _check_limits(joint: Joint) -> None:
     path = f"arm.joints.{joint.name}.limits"
     if joint.limits is None:
         if joint.kind == "prismatic":
-            raise SpecError(
-                finding(path, "a prismatic joint needs limits.", remedy="Write limits = [low, high] in m.")
-            )
+            raise SpecError(finding(path, "a prismatic joint needs limits.", remedy="Write limits = [low, high] in m."))
         return
     low, high = joint.limits
     if not (np.isfinite(low) and np.isfinite(high) and low <= high):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -42,9 +41,7 @@ class Design:
         tree: Tree = {name: table.model_dump(mode="json") for name, table in self.tables.items()}
         for name, (plugin, parameters) in self.plugins.items():
             tree[name] = {"kind": plugin.name, **parameters.model_dump(mode="json"), **tree.get(name, {})}
-        tree["metrics"] = {
-            name: parameters.model_dump(mode="json") for name, (_, parameters) in self.metrics.items()
-        }
+        tree["metrics"] = {name: parameters.model_dump(mode="json") for name, (_, parameters) in self.metrics.items()}
         return tree
 
     def setup(self, seed: int) -> Setup:
@@ -157,7 +154,7 @@ def _section(
     plugin = registry.find(section, table["kind"], f"{section}.kind")
     mine = {k: v for k, v in table.items() if own is not None and k in own.model_fields}
     theirs = {k: v for k, v in table.items() if k not in mine and k != "kind"}
-    problems = []
+    problems: list[str] = []
     for model, part in ((own, mine), (plugin.parameters, theirs)):
         if model is None:
             continue
@@ -178,9 +175,7 @@ def _metrics(tree: Tree, registry: Registry, needed: frozenset[str]) -> dict[str
     """The metrics of the study: those with a table, those always computed, those that yield a needed number."""
     tables = tree.get("metrics", {})
     if not (isinstance(tables, dict) and all(isinstance(t, dict) for t in tables.values())):
-        raise SpecError(
-            finding("metrics", "must hold one table per metric: write [metrics.F].", value=tables)
-        )
+        raise SpecError(finding("metrics", "must hold one table per metric: write [metrics.F].", value=tables))
     numbers = registry.numbers()
     names = dict.fromkeys([*ALWAYS, *tables, *sorted(numbers[n][0] for n in needed if n in numbers)])
     metrics = {}

@@ -7,7 +7,7 @@ the same steps run on arrays in larger blocks. Both give each sample to the same
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import ModuleType
@@ -159,10 +159,11 @@ def fill(
     half = read()
     deposit(amount.half, amount.samples)
     values, hits = read(), backend.hits(stores[0])
-    return [
-        Filled(*(a[o : o + t.grid.cells].reshape(t.grid.shape) for a in (values, half, hits)))
-        for t, o in zip(targets, layout[:, 3], strict=True)
-    ]
+    filled = []
+    for target, offset in zip(targets, layout[:, 3], strict=True):
+        part, shape = slice(offset, offset + target.grid.cells), target.grid.shape
+        filled.append(Filled(values[part].reshape(shape), half[part].reshape(shape), hits[part].reshape(shape)))
+    return filled
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,9 +201,7 @@ class _ArrayFlow(_Flow):
             raw = np.ascontiguousarray(raw, self.amount.dtype)
             cells, values = np.empty(n, np.int32), np.empty(n, self.amount.dtype)
             for affine, grid in zip(affines, layout, strict=True):
-                count = workspace.locate(
-                    x, y, z, raw, n, 1 / d.normaliser, d.threshold, affine, grid, cells, values
-                )
+                count = workspace.locate(x, y, z, raw, n, 1 / d.normaliser, d.threshold, affine, grid, cells, values)
                 self.backend.deposit(store, cells, values, count)
 
 

@@ -35,9 +35,7 @@ class Expression:
         try:
             root = ast.parse(self.text, mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise SpecError(
-                finding(self.path, "is not an expression.", value=self.text, remedy=ALLOWED)
-            ) from None
+            raise SpecError(finding(self.path, "is not an expression.", value=self.text, remedy=ALLOWED)) from None
         for node in ast.walk(root):
             self._check(node)
         return root
@@ -48,9 +46,7 @@ class Expression:
         known = type(node) in _BINARY or type(node) in _UNARY
         if not (passive or known):
             what = type(node).__name__.lower()
-            raise SpecError(
-                finding(self.path, f"a {what} is not allowed here.", value=self.text, remedy=ALLOWED)
-            )
+            raise SpecError(finding(self.path, f"a {what} is not allowed here.", value=self.text, remedy=ALLOWED))
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -64,9 +60,7 @@ class Expression:
         except (ArithmeticError, RecursionError) as error:
             raise SpecError(finding(self.path, f"{error} with {dict(values)}.", value=self.text)) from None
         if isinstance(result, complex) or not math.isfinite(result):
-            raise SpecError(
-                finding(self.path, f"is not a finite number with {dict(values)}.", value=self.text)
-            )
+            raise SpecError(finding(self.path, f"is not a finite number with {dict(values)}.", value=self.text))
         return result
 
     def _value(self, node: ast.expr, values: Mapping[str, float]) -> float:
@@ -94,9 +88,7 @@ def in_order(expressions: Mapping[str, Expression], known: frozenset[str]) -> li
         if unknown:
             names = ", ".join(sorted(n for n in known | set(expressions) if n.isidentifier())) or "none"
             problem = f"{', '.join(unknown)} is not a variable."
-            raise SpecError(
-                finding(expression.path, problem, value=expression.text, remedy=f"Known: {names}.")
-            )
+            raise SpecError(finding(expression.path, problem, value=expression.text, remedy=f"Known: {names}."))
     graph = {name: expression.names & set(expressions) for name, expression in expressions.items()}
     try:
         return list(TopologicalSorter(graph).static_order())

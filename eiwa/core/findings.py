@@ -11,7 +11,6 @@ from eiwa.core.errors import SpecError, finding
 from eiwa.core.hookspecs import Parameters
 from eiwa.core.tree import did_you_mean
 
-
 M = TypeVar("M", bound=Parameters)
 
 
@@ -62,9 +61,7 @@ def _line(where: str, items: list[Any], model: type[BaseModel]) -> str:
     if isinstance(item["input"], dict):
         return finding(where, problem)
     field = _model_at(model, item["loc"][:-1]).model_fields.get(str(item["loc"][-1]))
-    return finding(
-        where, problem, value=item["input"], remedy=(field.description or "") if field is not None else ""
-    )
+    return finding(where, problem, value=item["input"], remedy=(field.description or "") if field is not None else "")
 
 
 def _problem(item: Any) -> str:

@@ -27,7 +27,7 @@ class Parameters(BaseModel):
 
 def quantity(default: Any = ..., *, unit: str = "", source: str = "", **constraints: Any) -> Any:
     """A documented parameter: a pydantic field that also names its unit and the source of its default."""
-    extra = {k: v for k, v in (("unit", unit), ("source", source)) if v}
+    extra: dict[str, Any] = {k: v for k, v in (("unit", unit), ("source", source)) if v}
     return Field(default, json_schema_extra=extra, **constraints)
 
 

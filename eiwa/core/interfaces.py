@@ -120,9 +120,7 @@ class TracedArm(Arm):
 
     @cached_property
     def _map(self) -> Map:
-        return compiled_map(
-            (type(self), self.structure, "postures"), self._flat, self.dof, len(self.constants)
-        )
+        return compiled_map((type(self), self.structure, "postures"), self._flat, self.dof, len(self.constants))
 
     def _flat(self, u: Sequence[Column], p: Sequence[Column]) -> list[Column]:
         arm = self.columns(u, p)
@@ -243,9 +241,7 @@ def where_valid(valid: Column, a: Column, b: Column) -> Column:
 _maps: dict[Hashable, Map] = {}
 
 
-def compiled_map(
-    key: tuple[Any, ...], function: Any, inputs: int, parameters: int, dtype: Any = float
-) -> Map:
+def compiled_map(key: tuple[Any, ...], function: Any, inputs: int, parameters: int, dtype: Any = float) -> Map:
     """The compiled map of a function, kept while its structure is known (no None in the key)."""
     full = (*key, inputs, parameters, np.dtype(dtype))
     if None in key:

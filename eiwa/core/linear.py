@@ -19,9 +19,7 @@ def volume(A: Matrix) -> Column:
     rows, columns = len(A), len(A[0])
     if rows == columns:
         return absolute(determinant(A))
-    vectors = (
-        [list(row) for row in A] if rows < columns else [list(column) for column in zip(*A, strict=True)]
-    )
+    vectors = [list(row) for row in A] if rows < columns else [list(column) for column in zip(*A, strict=True)]
     squares = orthogonal_squares(vectors)
     lengths = [sqrt(product(squares[k : k + 3])) for k in range(0, len(squares), 3)]
     return product(lengths)

@@ -37,9 +37,7 @@ class Outcome:
         return all(v <= 0 for v in self.violations)
 
 
-def evaluate(
-    spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1, *, named: bool = False
-) -> Outcome:
+def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1, *, named: bool = False) -> Outcome:
     """Evaluate a design under every scenario, then its objectives and constraints.
 
     ``named`` says that the overrides are a named design's own: an objective over all named designs then has no value.
@@ -102,16 +100,16 @@ def _objective(
     assert objective.metric is not None
     labels = list(scenarios) if objective.over == "scenarios" else [REFERENCE.label]
     values = [_number(scenarios[label], objective.metric, "objectives") for label in labels]
-    return {"min": min, "max": max, "mean": lambda v: sum(v) / len(v)}[objective.aggregate](values)
+    if objective.aggregate == "mean":
+        return sum(values) / len(values)
+    return min(values) if objective.aggregate == "min" else max(values)
 
 
 def _number(numbers: Numbers, name: str, table: str) -> float:
     value = numbers[name]
     if value is None or not math.isfinite(value):
         remedy = "F_se needs more than one replicate, so it cannot steer a search." if name == "F_se" else ""
-        raise SpecError(
-            finding(f"{table}: {name}", "has no value for this design.", value=value, remedy=remedy)
-        )
+        raise SpecError(finding(f"{table}: {name}", "has no value for this design.", value=value, remedy=remedy))
     return value
 
 
@@ -148,8 +146,6 @@ def require_memory(cells: int, setup: Setup) -> None:
     allowed = 0.7 * present
     if needed > allowed or 2 * cells > 2**31 - 1:
         scale = max(needed / allowed, 2 * cells / (2**31 - 1)) ** (1 / 3)
-        problem = (
-            f"{cells:.3g} cells need {needed / 2**30:.3g} GiB, this machine has {present / 2**30:.3g} GiB."
-        )
+        problem = f"{cells:.3g} cells need {needed / 2**30:.3g} GiB, this machine has {present / 2**30:.3g} GiB."
         remedy = f"Use at least {setup.r * scale * 1.05:.2g} m."
         raise SpecError(finding("voxels.size", problem, value=setup.r, remedy=remedy))

@@ -79,9 +79,7 @@ class Registry:
             return self.entries[kind, name].plugin
         problem = f"no {kind} plugin has this name{did_you_mean(name, self.names(kind))}"
         broken = "; ".join(f"{b.provider}: {b.reason}" for b in self.broken)
-        raise SpecError(
-            finding(path, problem, value=name, remedy=f"Could not be loaded: {broken}." if broken else "")
-        )
+        raise SpecError(finding(path, problem, value=name, remedy=f"Could not be loaded: {broken}." if broken else ""))
 
     def names(self, kind: str) -> list[str]:
         """Known names of a kind, sorted."""
@@ -130,9 +128,7 @@ class Registry:
         if other:
             taken = f"the {entry.kind} plugin {entry.plugin.name!r}"
         else:
-            clash = [
-                n.name for n in entry.plugin.numbers if entry.kind == "metrics" and n.name in self.numbers()
-            ]
+            clash = [n.name for n in entry.plugin.numbers if entry.kind == "metrics" and n.name in self.numbers()]
             if not clash:
                 return
             other = self.entries["metrics", self.numbers()[clash[0]][0]]
@@ -177,19 +173,15 @@ def load(files: Sequence[tuple[Path, str]] = ()) -> Registry:
 
 
 def _checked(records: Any, provider: str, hook: str) -> list[Plugin]:
-    records = list(records) if isinstance(records, list | tuple) else [records]
-    for record in records:
+    found: list[Plugin] = list(records) if isinstance(records, list | tuple) else [records]
+    for record in found:
         if not isinstance(record, Plugin):
-            raise PluginError(
-                f"plugin {provider}: {hook} must return a list of Plugin records, not {record!r}"
-            )
+            raise PluginError(f"plugin {provider}: {hook} must return a list of Plugin records, not {record!r}")
         if not (isinstance(record.parameters, type) and issubclass(record.parameters, Parameters)):
-            raise PluginError(
-                f"plugin {provider}: parameters of {record.name!r} must be a subclass of Parameters"
-            )
+            raise PluginError(f"plugin {provider}: parameters of {record.name!r} must be a subclass of Parameters")
         if hook == "eiwa_metrics" and not record.numbers:
             raise PluginError(f"plugin {provider}: metric {record.name!r} declares no numbers")
-    return records
+    return found
 
 
 def _import_file(path: Path, name: str) -> ModuleType:

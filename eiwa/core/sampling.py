@@ -105,7 +105,7 @@ def _fill_points(points: Any, sobol: Any, start: Any, key: Any, table: Any) -> N
                 points[block + s, j] = w[j * 256 + s]
 
 
-FILLS = {"plain": fill_plain, "sobol": fill_sobol}
+FILLS: dict[str, Any] = {"plain": fill_plain, "sobol": fill_sobol}
 
 # Joe and Kuo's primitive polynomials and initial direction numbers ("new-joe-kuo-6"), dimensions 2 to 12:
 # degree, coefficients, m_1 ... m_degree.
@@ -142,9 +142,7 @@ def direction_numbers(dimension: int) -> list[int]:
 @lru_cache(maxsize=64)
 def _sobol_table(dimensions: int, key: int) -> NDArray[np.uint64]:
     if dimensions > MAX_DIMENSIONS:
-        raise EiwaError(
-            f"sobol has at most {MAX_DIMENSIONS} dimensions, not {dimensions}: use estimator = 'plain'"
-        )
+        raise EiwaError(f"sobol has at most {MAX_DIMENSIONS} dimensions, not {dimensions}: use estimator = 'plain'")
     table = np.zeros((dimensions, 33 + BLOCK), np.uint64)
     table[:, 32] = np.random.SeedSequence(key).generate_state(dimensions, np.uint32)
     for j in range(dimensions):

@@ -18,9 +18,7 @@ class StudySection(Parameters):
     seed: int = quantity(0, ge=0, lt=2**32, description="The one source of randomness.")
     trials: int = quantity(0, ge=0, description="Search trials in total; raising it continues a study.")
     batch: int = quantity(8, ge=1, le=1024, description="Trials asked together and told in order.")
-    sampler: Literal["tpe", "random", "qmc", "grid"] = quantity(
-        "tpe", description="How the search proposes designs."
-    )
+    sampler: Literal["tpe", "random", "qmc", "grid"] = quantity("tpe", description="How the search proposes designs.")
 
 
 class LayoutSection(Parameters):
@@ -28,15 +26,9 @@ class LayoutSection(Parameters):
 
     spacing: float = quantity(ge=0, unit="m", description="D: distance of the bases along x.")
     offset: Vector = quantity(unit="m", description="R: operator origin to the midpoint of the bases.")
-    orientation: Vector = quantity(
-        [0.0, 0.0, 0.0], unit="deg", description="Roll, pitch, yaw of T_world_base."
-    )
-    second: Literal["translated", "mirrored"] = quantity(
-        "translated", description="Left arm: Eq. (3) or mirror image."
-    )
-    alpha: float = quantity(
-        0.5, gt=0, le=0.5, description="Factor of Eq. (3); at most 1/2, so that V_dual <= 1."
-    )
+    orientation: Vector = quantity([0.0, 0.0, 0.0], unit="deg", description="Roll, pitch, yaw of T_world_base.")
+    second: Literal["translated", "mirrored"] = quantity("translated", description="Left arm: Eq. (3) or mirror image.")
+    alpha: float = quantity(0.5, gt=0, le=0.5, description="Factor of Eq. (3); at most 1/2, so that V_dual <= 1.")
 
 
 class OperatorSection(Parameters):
@@ -52,9 +44,7 @@ class DexteritySection(Parameters):
     normaliser: Literal["max"] | Annotated[float, Field(gt=0)] = quantity(
         "max", description="Dex is divided by the design's own maximum, or by this fixed number."
     )
-    threshold: float = quantity(
-        0.0, ge=0, le=1, description="Samples with a smaller normalised Dex are dropped."
-    )
+    threshold: float = quantity(0.0, ge=0, le=1, description="Samples with a smaller normalised Dex are dropped.")
 
 
 class VoxelsSection(Parameters):
@@ -77,9 +67,7 @@ class RangeSection(Parameters):
 
     low: float
     high: float
-    step: float | None = quantity(
-        None, gt=0, description="Distance of neighbouring values; required by 'grid'."
-    )
+    step: float | None = quantity(None, gt=0, description="Distance of neighbouring values; required by 'grid'.")
     log: bool = quantity(False, description="Search on a logarithmic scale.")
 
     @model_validator(mode="after")
@@ -96,21 +84,15 @@ class ObjectiveSection(Parameters):
 
     metric: str | None = quantity(None, description="The number to optimise; none for aggregate = 'misfit'.")
     direction: Literal["maximize", "minimize"]
-    over: Literal["reference", "scenarios", "designs"] = quantity(
-        "reference", description="Where it is evaluated."
-    )
-    aggregate: Literal["mean", "min", "max", "misfit"] = quantity(
-        "mean", description="How several values become one."
-    )
+    over: Literal["reference", "scenarios", "designs"] = quantity("reference", description="Where it is evaluated.")
+    aggregate: Literal["mean", "min", "max", "misfit"] = quantity("mean", description="How several values become one.")
 
     @model_validator(mode="after")
     def _misfit_over_designs(self) -> Self:
         if (self.over == "designs") != (self.aggregate == "misfit"):
             raise ValueError("over = 'designs' and aggregate = 'misfit' go together")
         if (self.metric is None) != (self.aggregate == "misfit"):
-            raise ValueError(
-                "give the metric to optimise (misfit compares the published values and takes none)"
-            )
+            raise ValueError("give the metric to optimise (misfit compares the published values and takes none)")
         return self
 
     @property

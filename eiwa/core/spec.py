@@ -179,9 +179,7 @@ def check(tree: Tree, path: Path) -> StudySpec:
 def _plugin_files(tree: Tree, path: Path) -> list[tuple[Path, str]]:
     files = tree.get("plugins", [])
     if not (isinstance(files, list) and all(isinstance(f, str) for f in files)):
-        raise SpecError(
-            finding("plugins", "must be a list of file names.", value=files, remedy='plugins = ["my.py"]')
-        )
+        raise SpecError(finding("plugins", "must be a list of file names.", value=files, remedy='plugins = ["my.py"]'))
     return [(path.parent / name, f"plugins.{i}") for i, name in enumerate(files)]
 
 
@@ -217,9 +215,7 @@ def _search(tree: Tree) -> tuple[dict[str, RangeSection], dict[str, Expression],
                 ranges[name] = validated(RangeSection, value, path)
             else:
                 remedy = 'Write { low = 0.1, high = 0.2 } or an expression such as "reach * split"; quote the path.'
-                raise SpecError(
-                    finding(path, "must be a range or an expression.", value=value, remedy=remedy)
-                )
+                raise SpecError(finding(path, "must be a range or an expression.", value=value, remedy=remedy))
     in_order(expressions, frozenset(ranges))
     return ranges, expressions, {path: path for path in _table(tree, "search")}
 
@@ -230,22 +226,16 @@ def _scenarios(tree: Tree) -> list[Scenario]:
     for path, values in lists.items():
         if not (isinstance(values, list) and values):
             remedy = 'Write "dexterity.K" = [50, 12270]; quote the path.'
-            raise SpecError(
-                finding(f'scenarios."{path}"', "must be a list of values.", value=values, remedy=remedy)
-            )
+            raise SpecError(finding(f'scenarios."{path}"', "must be a list of values.", value=values, remedy=remedy))
     current = {path: lookup(tree, path) if _exists(tree, path) else None for path in lists}
     scenarios = [REFERENCE]
     for combination in product(*lists.values()):
         overrides = {p: v for p, v in zip(lists, combination, strict=True) if v != current[p]}
         if overrides:
-            label = " ".join(
-                f"{p}={v:g}" if isinstance(v, float) else f"{p}={v}" for p, v in overrides.items()
-            )
+            label = " ".join(f"{p}={v:g}" if isinstance(v, float) else f"{p}={v}" for p, v in overrides.items())
             scenarios.append(Scenario(label, overrides))
     if len(scenarios) > MAX_SCENARIOS:
-        raise SpecError(
-            finding("scenarios", f"{len(scenarios)} combinations; at most {MAX_SCENARIOS} are allowed.")
-        )
+        raise SpecError(finding("scenarios", f"{len(scenarios)} combinations; at most {MAX_SCENARIOS} are allowed."))
     return scenarios
 
 
@@ -264,9 +254,7 @@ def _design(name: str, table: Any) -> DesignSection:
     nested = [k for k, v in overrides.items() if isinstance(v, dict)]
     if nested:
         remedy = f'Quote the whole path, as in "{nested[0]}.{next(iter(overrides[nested[0]]), "key")}" = 0.1.'
-        raise SpecError(
-            finding(f"designs.{name}.{nested[0]}", "a design sets values at quoted paths.", remedy=remedy)
-        )
+        raise SpecError(finding(f"designs.{name}.{nested[0]}", "a design sets values at quoted paths.", remedy=remedy))
     section = {"overrides": overrides, "published": table.get("published", {})}
     return validated(DesignSection, section, f"designs.{name}")
 
@@ -287,9 +275,7 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
             yield f"{where}: {error.findings[0].split(': ', 1)[1]}"
             continue
         if numeric and (isinstance(value, bool) or not isinstance(value, int | float)):
-            yield finding(
-                where, f"the path holds {value!r}, not a number.", remedy="Search one number at a time."
-            )
+            yield finding(where, f"the path holds {value!r}, not a number.", remedy="Search one number at a time.")
         if numeric and path.split(".")[0] not in SECTIONS:
             yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")
 
@@ -318,9 +304,7 @@ def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
 
 def _variants(spec: StudySpec) -> Iterable[str]:
     """Named designs and scenarios must be designs; so must the corners of the search."""
-    variants: list[tuple[str, Mapping[str, Any]]] = [
-        (f"designs.{n}", d.overrides) for n, d in spec.designs.items()
-    ]
+    variants: list[tuple[str, Mapping[str, Any]]] = [(f"designs.{n}", d.overrides) for n, d in spec.designs.items()]
     variants += [(f"scenarios {s.label}", s.overrides) for s in spec.scenarios]
     for end in ("low", "high"):
         corner = {name: getattr(r, end) for name, r in spec.ranges.items()}
@@ -338,24 +322,18 @@ def _variants(spec: StudySpec) -> Iterable[str]:
 def _budget(spec: StudySpec, base: Design) -> Iterable[str]:
     """A search needs something to vary and something to optimise."""
     if spec.study.trials and not spec.ranges:
-        yield finding(
-            "study.trials", "there is nothing to vary.", value=spec.study.trials, remedy="Add [search]."
-        )
+        yield finding("study.trials", "there is nothing to vary.", value=spec.study.trials, remedy="Add [search].")
     if spec.study.trials and not spec.objectives:
         remedy = 'Add [[objectives]] with metric = "F" and direction = "maximize".'
         yield finding("study.trials", "there is no objective.", value=spec.study.trials, remedy=remedy)
     unused = set(spec.ranges) - set(spec.searched)
     unused -= {name for e in spec.expressions.values() for name in e.names}
     for name in sorted(unused):
-        yield finding(
-            f"variables.{name}", "no expression reads it.", remedy="Use it in [search], or remove it."
-        )
+        yield finding(f"variables.{name}", "no expression reads it.", remedy="Use it in [search], or remove it.")
     if spec.study.sampler == "grid":
         for name, r in spec.ranges.items():
             if r.step is None:
-                yield finding(
-                    f"variables.{name}", "sampler = 'grid' needs a step.", remedy="Add step = ... to it."
-                )
+                yield finding(f"variables.{name}", "sampler = 'grid' needs a step.", remedy="Add step = ... to it.")
 
 
 def differences(old: Tree, new: Tree) -> list[str]:

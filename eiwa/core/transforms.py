@@ -20,7 +20,7 @@ def _cos_sin(angle: float) -> tuple[float, float]:
 
 def frozen(array: ArrayLike, dtype: type = np.float64) -> NDArray[np.float64]:
     """A read-only contiguous copy."""
-    copy = np.array(array, dtype=dtype, order="C")
+    copy: NDArray[np.float64] = np.array(array, dtype=dtype, order="C")
     copy.setflags(write=False)
     return copy
 

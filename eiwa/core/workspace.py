@@ -42,11 +42,11 @@ class Grid:
 
     def centres(self, axis: int) -> NDArray[np.float64]:
         """Cell centres along one axis [m]."""
-        return (self.origin[axis] + np.arange(self.shape[axis]) + 0.5) * self.r
+        return np.asarray((self.origin[axis] + np.arange(self.shape[axis]) + 0.5) * self.r)
 
     def faces(self, axis: int) -> NDArray[np.float64]:
         """Cell faces along one axis, one more than cells [m]."""
-        return (self.origin[axis] + np.arange(self.shape[axis] + 1)) * self.r
+        return np.asarray((self.origin[axis] + np.arange(self.shape[axis] + 1)) * self.r)
 
     @property
     def symmetric(self) -> bool:

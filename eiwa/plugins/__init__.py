@@ -1,0 +1,1 @@
+"""Built-in plugins; each is seen exactly as an outsider's is."""

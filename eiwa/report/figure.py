@@ -47,10 +47,8 @@ def draw(spec: StudySpec, overrides: Mapping[str, Any], path: Path, title: str =
     figure = Figure(figsize=(7.2, 3.6), dpi=200, layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2)
-    image = None
-    for panel, view in zip(panels, VIEWS, strict=True):
-        image = _panel(panel, measurement, *view)
-    colours = figure.colorbar(image, ax=panels, shrink=0.8, pad=0.02)
+    images = [_panel(panel, measurement, *view) for panel, view in zip(panels, VIEWS, strict=True)]
+    colours = figure.colorbar(images[0], ax=panels, shrink=0.8, pad=0.02)
     colours.set_label("largest $V_{dual}$ along the line of sight", fontsize=8)
     colours.ax.tick_params(labelsize=7)
     figure.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=7, frameon=False)
@@ -96,7 +94,7 @@ def _panel(panel: Any, measurement: Measurement, across: int, up: int, along: in
 
 def _seen(values: Array | NDArray[np.bool_], across: int, up: int, along: int) -> NDArray[Any]:
     """Largest value along the line of sight, as an image with ``up`` in the rows."""
-    seen = values.max(axis=along)
+    seen: NDArray[Any] = values.max(axis=along)
     return seen.T if across < up else seen
 
 
@@ -119,9 +117,7 @@ def _limits(whole: Pair, grid: Grid, across: int, up: int) -> tuple[list[float],
     return low, high
 
 
-def _outline(
-    panel: Any, grid: Grid, mask: NDArray[Any], across: int, up: int, colour: str, style: str
-) -> None:
+def _outline(panel: Any, grid: Grid, mask: NDArray[Any], across: int, up: int, colour: str, style: str) -> None:
     x, y, padded = _padded(grid, mask, across, up)
     panel.contour(x, y, padded, levels=[0.5], colors=[colour], linewidths=1.2, linestyles=style)
 

@@ -110,7 +110,7 @@ def _numbers(spec: StudySpec, task: Task) -> Row:
         for label, metrics in outcome.scenarios.items()
         for name, value in metrics.items()
     }
-    values: Sequence[tuple[str, Sequence[float]]] = (
+    values: Sequence[tuple[str, Sequence[float | None]]] = (
         ("objectives", outcome.objectives),
         ("constraints", outcome.violations),
     )

@@ -90,9 +90,7 @@ class Run:
 
     def _missing_designs(self, rows: Sequence[Row]) -> list[Task]:
         full = self.spec.design({}).tables["sampling"].replicates  # type: ignore[attr-defined]
-        present = {
-            (r["name"], _digest(r)) for r in rows if r["kind"] == "design" and r["state"] == "COMPLETE"
-        }
+        present = {(r["name"], _digest(r)) for r in rows if r["kind"] == "design" and r["state"] == "COMPLETE"}
         tasks = [Task("design", d.overrides, full, name=name) for name, d in self.spec.designs.items()]
         return [t for t in tasks if (t.name, digest(dict(t.overrides))) not in present]
 
@@ -201,9 +199,7 @@ class Run:
     def _restore_rows(self, study: optuna.Study) -> None:
         """Evaluate again the finished trials whose rows are gone."""
         known = {r["number"] for r in self.rows if r["kind"] == "trial"}
-        lost = [
-            t for t in study.get_trials(deepcopy=False) if t.state.is_finished() and t.number not in known
-        ]
+        lost = [t for t in study.get_trials(deepcopy=False) if t.state.is_finished() and t.number not in known]
         if lost:
             self.listen.begin("restored", len(lost), 0)
         self._evaluate("restored", [self._task(t) for t in lost])

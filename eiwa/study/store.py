@@ -168,9 +168,7 @@ def writing(path: Path) -> Iterator[None]:
         if isinstance(error, BlockingIOError):
             raise
         remedy = (
-            "Free some space"
-            if error.errno == errno.ENOSPC
-            else "Make it writable, or choose another --runs folder"
+            "Free some space" if error.errno == errno.ENOSPC else "Make it writable, or choose another --runs folder"
         )
         raise StoreError(
             f"{path}: cannot be written: {error.strerror}. {remedy}; finished trials are kept, run again to continue."

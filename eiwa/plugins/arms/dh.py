@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from eiwa.core.chain import Joint, SerialChain
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.hookspecs import Parameters, Plugin, hookimpl, quantity
-from eiwa.core.transforms import Transform, frozen, rotation_x, rotation_z, roll_pitch_yaw, translation
+from eiwa.core.transforms import frozen, roll_pitch_yaw, rotation_x, rotation_z, translation
 
 Convention = Literal["standard", "modified"]
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -19,20 +19,12 @@ Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 class DhJoint(Parameters):
     """One row of the table; a fixed row has no limits and keeps ``theta`` and ``d``."""
 
-    name: str = quantity(
-        min_length=1, pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", description="Names the joint in paths."
-    )
+    name: str = quantity(min_length=1, pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", description="Names the joint in paths.")
     kind: Literal["revolute", "prismatic", "fixed"] = quantity("revolute", description="What moves.")
-    alpha: float = quantity(
-        0.0, unit="angles", description="Twist (modified: of the row before, alpha_{j-1})."
-    )
+    alpha: float = quantity(0.0, unit="angles", description="Twist (modified: of the row before, alpha_{j-1}).")
     a: float = quantity(0.0, unit="m", description="Link length (modified: a_{j-1}).")
-    d: float = quantity(
-        0.0, unit="m", description="Offset along the joint axis; a prismatic joint adds to it."
-    )
-    theta: float = quantity(
-        0.0, unit="angles", description="Offset of the joint angle; a revolute joint adds to it."
-    )
+    d: float = quantity(0.0, unit="m", description="Offset along the joint axis; a prismatic joint adds to it.")
+    theta: float = quantity(0.0, unit="angles", description="Offset of the joint angle; a revolute joint adds to it.")
     limits: Annotated[list[float], Field(min_length=2, max_length=2)] | None = quantity(
         None,
         unit="angles or m",
@@ -43,9 +35,7 @@ class DhJoint(Parameters):
     @classmethod
     def _limits_increase(cls, limits: list[float] | None) -> list[float] | None:
         if limits is not None and not limits[0] < limits[1]:
-            raise ValueError(
-                "must increase: write [low, high] with low < high, or kind = 'fixed' without limits"
-            )
+            raise ValueError("must increase: write [low, high] with low < high, or kind = 'fixed' without limits")
         return limits
 
     @model_validator(mode="after")
@@ -92,9 +82,7 @@ def chain(parameters: DhParameters) -> SerialChain:
         joints.append(Joint(row.name, row.kind, frozen(T @ before), limits))
         T = after
     T_tool = translation(*parameters.tool) @ roll_pitch_yaw(*(angle * unit for angle in parameters.tool_rpy))
-    return SerialChain(
-        tuple(joints), frozen(T @ T_tool), frozen(np.eye(4)), lambda: _explain_singular(parameters)
-    )
+    return SerialChain(tuple(joints), frozen(T @ T_tool), frozen(np.eye(4)), lambda: _explain_singular(parameters))
 
 
 def _explain_singular(parameters: DhParameters) -> str:
@@ -104,7 +92,9 @@ def _explain_singular(parameters: DhParameters) -> str:
     rank, twin_rank = _rank(parameters), _rank(parameters.model_copy(update={"convention": other}))
     reason = f"the Jacobian has rank {rank} at every posture, so the arm is singular everywhere."
     if twin_rank > rank:
-        remedy = f"Read as convention = '{other}' the same table has rank {twin_rank}: is that the one it was written in?"
+        remedy = (
+            f"Read as convention = '{other}' the same table has rank {twin_rank}: is that the one it was written in?"
+        )
     else:
         remedy = f"Read as '{other}' it has rank {twin_rank}: check the table, or choose dexterity.rows that the arm moves in."
     return finding("arm.convention", reason, value=this, remedy=remedy)

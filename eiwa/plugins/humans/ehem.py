@@ -78,9 +78,7 @@ class EhemParameters(Parameters):
         description="q5: yaw about the fulcrum.",
     )
     forearm: float = quantity(0.273, gt=0, unit="m", source=ANSUR, description="L_fw: fulcrum to wrist.")
-    pronation: Range = quantity(
-        [-50.0, 50.0], unit="deg", source="Morrey 1981", description="q6: forearm rotation."
-    )
+    pronation: Range = quantity([-50.0, 50.0], unit="deg", source="Morrey 1981", description="q6: forearm rotation.")
     deviation: Range = quantity(
         [-10.0, 10.0], unit="deg", source=f"{LUBA}, class 1", description="q7: wrist, radial positive."
     )
@@ -90,9 +88,7 @@ class EhemParameters(Parameters):
         description="L_g: wrist to grip.",
     )  # fmt: skip
     comfort: float = quantity(0.5, gt=0, le=1, source="the paper", description="E of each arm.")
-    samples: int = quantity(
-        1 << 22, ge=1 << 10, description="Samples of the rotations; the slides are marked exactly."
-    )
+    samples: int = quantity(1 << 22, ge=1 << 10, description="Samples of the rotations; the slides are marked exactly.")
 
     @model_validator(mode="after")
     def _ranges_increase(self) -> Self:
@@ -152,10 +148,9 @@ class Ehem(HumanModel):
         u = pilot_points(self._chain.dof)
         high = [maximum(lambda v, k=axis: self.tips(v)[:, k], u) for axis in range(3)]  # type: ignore[misc]
         low = [-maximum(lambda v, k=axis: -self.tips(v)[:, k], u) for axis in range(3)]  # type: ignore[misc]
-        slides = np.array(
-            [[p.slide_side[0], p.slide_forward[0], 0], [p.slide_side[1], p.slide_forward[1], 0]]
-        )
-        return np.array([low, high]) + slides + np.array([[-1e-6], [1e-6]])
+        slides = np.array([[p.slide_side[0], p.slide_forward[0], 0], [p.slide_side[1], p.slide_forward[1], 0]])
+        box: NDArray[np.float64] = np.array([low, high]) + slides + np.array([[-1e-6], [1e-6]])
+        return box
 
     def bounds(self, operator: Operator) -> NDArray[np.float64]:
         """Box of both hands."""

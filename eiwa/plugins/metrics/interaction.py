@@ -47,9 +47,7 @@ class F(Metric):
 class FVolumeParameters(Parameters):
     """Share of the ergonomic volume where V_dual reaches the isovalue."""
 
-    isovalue: float = quantity(
-        0.3, ge=0, le=1, source="the paper, Fig. 3", description="Least V_dual that counts."
-    )
+    isovalue: float = quantity(0.3, ge=0, le=1, source="the paper, Fig. 3", description="Least V_dual that counts.")
 
 
 @dataclass(frozen=True)
@@ -96,9 +94,7 @@ class Singletons(Metric):
 
     def __call__(self, measurement: Measurement) -> dict[str, float | None]:
         """The share, replicate 0; 1 where no sample fell into the grid."""
-        hits = np.concatenate(
-            [side.hits.ravel() for side in (measurement.first.V.right, measurement.first.V.left)]
-        )
+        hits = np.concatenate([side.hits.ravel() for side in (measurement.first.V.right, measurement.first.V.left)])
         total = int(hits.sum())
         return {"singletons": float(np.count_nonzero(hits == 1) / total) if total else 1.0}
 

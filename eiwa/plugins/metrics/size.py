@@ -78,9 +78,7 @@ class DexterousVolume(Metric):
 def eiwa_metrics() -> list[Plugin]:
     """Size and volumes."""
     return [
-        Plugin(
-            "reach", ReachParameters, Reach, (Number("reach", "m", "largest distance of tip and base", 0.0),)
-        ),
+        Plugin("reach", ReachParameters, Reach, (Number("reach", "m", "largest distance of tip and base", 0.0),)),
         Plugin(
             "total_link_length",
             LinkLengthParameters,
