@@ -25,11 +25,11 @@ def maximum(
     u: Array,
     values: Array | None = None,
     starts: int = 16,
-    smallest_step: float = 2.0**-20,
+    smallest_step: float = 2.0**-16,
 ) -> float:
     """Maximum of f over the unit cube, from the best of some points by compass search, all starts in one batch.
 
-    A point moves to the best of its 2 dof neighbours at distance h when that is better, else h is halved. At the end
+    A point moves to the best of its 2 dof neighbours at distance h when that is better, else h is divided by 4. At the end
     the gradient is of the order of h, so the value is within about h^2 of a local maximum.
     """
     values = f(u) if values is None else values
@@ -47,5 +47,5 @@ def maximum(
         better = top > heights
         points[better] = trials[better, choice[better]]
         heights[better] = top[better]
-        steps[~better] /= 2
+        steps[~better] /= 4
     return float(heights.max())

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
+from eiwa.core import consistency
 from eiwa.core import registry as plugins
 from eiwa.core.design import SECTIONS, Design, design
 from eiwa.core.errors import SpecError, finding
@@ -19,7 +20,7 @@ from eiwa.core.expressions import Expression, in_order
 from eiwa.core.findings import validated
 from eiwa.core.registry import Registry
 from eiwa.core.sections import ConstraintSection, DesignSection, ObjectiveSection, RangeSection, StudySection
-from eiwa.core.tree import Tree, did_you_mean, leaves, lookup, replaced
+from eiwa.core.tree import Tree, did_you_mean, exists, leaves, lookup, replaced
 
 TABLES = (
     "study", "plugins", *SECTIONS, "variables", "search", "scenarios", "objectives", "constraints", "designs",
@@ -170,9 +171,8 @@ def check(tree: Tree, path: Path) -> StudySpec:
         raise SpecError(*findings, *error.findings) from None
     if base is None:
         raise SpecError(*findings)
-    findings = [line for check in (_paths, _numbers, _budget) for line in check(spec, base)]
-    if findings := findings or list(_variants(spec)):
-        raise SpecError(*dict.fromkeys(findings))
+    if findings := consistency.findings(spec, base):
+        raise SpecError(*findings)
     return spec
 
 
@@ -227,7 +227,7 @@ def _scenarios(tree: Tree) -> list[Scenario]:
         if not (isinstance(values, list) and values):
             remedy = 'Write "dexterity.K" = [50, 12270]; quote the path.'
             raise SpecError(finding(f'scenarios."{path}"', "must be a list of values.", value=values, remedy=remedy))
-    current = {path: lookup(tree, path) if _exists(tree, path) else None for path in lists}
+    current = {path: lookup(tree, path) if exists(tree, path) else None for path in lists}
     scenarios = [REFERENCE]
     for combination in product(*lists.values()):
         overrides = {p: v for p, v in zip(lists, combination, strict=True) if v != current[p]}
@@ -237,14 +237,6 @@ def _scenarios(tree: Tree) -> list[Scenario]:
     if len(scenarios) > MAX_SCENARIOS:
         raise SpecError(finding("scenarios", f"{len(scenarios)} combinations; at most {MAX_SCENARIOS} are allowed."))
     return scenarios
-
-
-def _exists(tree: Tree, path: str) -> bool:
-    try:
-        lookup(tree, path)
-    except SpecError:
-        return False
-    return True
 
 
 def _design(name: str, table: Any) -> DesignSection:
@@ -257,83 +249,6 @@ def _design(name: str, table: Any) -> DesignSection:
         raise SpecError(finding(f"designs.{name}.{nested[0]}", "a design sets values at quoted paths.", remedy=remedy))
     section = {"overrides": overrides, "published": table.get("published", {})}
     return validated(DesignSection, section, f"designs.{name}")
-
-
-def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
-    """Every path that something changes must exist; searched ones must hold a number."""
-    resolved = base.resolved()
-    uses = [(f'search."{p}"', p, True) for p in spec.searched]
-    uses += [(f'scenarios."{p}"', p, False) for p in _table(spec.tree, "scenarios")]
-    uses += [(f'designs.{n}."{p}"', p, False) for n, d in spec.designs.items() for p in d.overrides]
-    for path in spec.assumptions:
-        if not _exists(spec.resolved, path):
-            yield finding(f'assumptions."{path}"', "the study has no such path.")
-    for where, path, numeric in uses:
-        try:
-            value = lookup(resolved, path)
-        except SpecError as error:
-            yield f"{where}: {error.findings[0].split(': ', 1)[1]}"
-            continue
-        if numeric and (isinstance(value, bool) or not isinstance(value, int | float)):
-            yield finding(where, f"the path holds {value!r}, not a number.", remedy="Search one number at a time.")
-        if numeric and path.split(".")[0] not in SECTIONS:
-            yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")
-
-
-def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
-    """Metrics that something reads must exist, and constraints must be possible."""
-    numbers = spec.registry.numbers()
-    uses = [(f"objectives.{i}.metric", o.metric) for i, o in enumerate(spec.objectives) if o.metric]
-    uses += [(f"constraints.{i}.metric", c.metric) for i, c in enumerate(spec.constraints)]
-    uses += [(f"designs.{n}.published.{m}", m) for n, d in spec.designs.items() for m in d.published]
-    for where, name in uses:
-        if name not in numbers:
-            yield finding(where, f"no metric yields {name!r}{did_you_mean(name, numbers)}")
-    for i, constraint in enumerate(spec.constraints):
-        if constraint.metric in numbers:
-            number = numbers[constraint.metric][1]
-            low = -float("inf") if constraint.min is None else constraint.min
-            high = float("inf") if constraint.max is None else constraint.max
-            if low > number.high or high < number.low:
-                allowed = f"{number.name} lies between {number.low:g} and {number.high:g}."
-                yield finding(f"constraints.{i}", f"nothing can meet {constraint.label}: {allowed}")
-    published = [n for n, d in spec.designs.items() if d.published]
-    if any(o.aggregate == "misfit" for o in spec.objectives) and not published:
-        yield finding("objectives", "misfit needs a named design with published values.")
-
-
-def _variants(spec: StudySpec) -> Iterable[str]:
-    """Named designs and scenarios must be designs; so must the corners of the search."""
-    variants: list[tuple[str, Mapping[str, Any]]] = [(f"designs.{n}", d.overrides) for n, d in spec.designs.items()]
-    variants += [(f"scenarios {s.label}", s.overrides) for s in spec.scenarios]
-    for end in ("low", "high"):
-        corner = {name: getattr(r, end) for name, r in spec.ranges.items()}
-        try:
-            variants.append((f"search, every variable at its {end} end", spec.overrides(corner)))
-        except SpecError as error:
-            yield from error.findings
-    for where, overrides in variants:
-        try:
-            spec.design(overrides)
-        except SpecError as error:
-            yield from (f"{where}: {line}" for line in error.findings)
-
-
-def _budget(spec: StudySpec, base: Design) -> Iterable[str]:
-    """A search needs something to vary and something to optimise."""
-    if spec.study.trials and not spec.ranges:
-        yield finding("study.trials", "there is nothing to vary.", value=spec.study.trials, remedy="Add [search].")
-    if spec.study.trials and not spec.objectives:
-        remedy = 'Add [[objectives]] with metric = "F" and direction = "maximize".'
-        yield finding("study.trials", "there is no objective.", value=spec.study.trials, remedy=remedy)
-    unused = set(spec.ranges) - set(spec.searched)
-    unused -= {name for e in spec.expressions.values() for name in e.names}
-    for name in sorted(unused):
-        yield finding(f"variables.{name}", "no expression reads it.", remedy="Use it in [search], or remove it.")
-    if spec.study.sampler == "grid":
-        for name, r in spec.ranges.items():
-            if r.step is None:
-                yield finding(f"variables.{name}", "sampler = 'grid' needs a step.", remedy="Add step = ... to it.")
 
 
 def differences(old: Tree, new: Tree) -> list[str]:

@@ -27,6 +27,15 @@ def lookup(tree: Any, path: str) -> Any:
     return node
 
 
+def exists(tree: Any, path: str) -> bool:
+    """Whether every step of the path exists."""
+    try:
+        lookup(tree, path)
+    except SpecError:
+        return False
+    return True
+
+
 def replaced(tree: Tree, values: Mapping[str, Any]) -> Tree:
     """A copy of the tree with other values at some paths; a last step that is not there yet is added."""
     result = copy.deepcopy(tree)

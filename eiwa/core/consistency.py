@@ -1,0 +1,96 @@
+"""What must hold between the tables of a study file, once each is valid by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from eiwa.core.design import SECTIONS, Design
+from eiwa.core.errors import SpecError, finding
+from eiwa.core.tree import did_you_mean, exists, lookup
+
+if TYPE_CHECKING:
+    from eiwa.core.spec import StudySpec
+
+
+def findings(spec: StudySpec, base: Design) -> list[str]:
+    """Everything that is wrong; variants of the design are tried only when all else is right."""
+    first = [line for check in (_paths, _numbers, _budget) for line in check(spec, base)]
+    return list(dict.fromkeys(first or _variants(spec)))
+
+
+def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
+    """Every path that something changes must exist; searched ones must hold a number."""
+    resolved = base.resolved()
+    uses = [(f'search."{p}"', p, True) for p in spec.searched]
+    uses += [(f'scenarios."{p}"', p, False) for p in spec.tree.get("scenarios", {})]
+    uses += [(f'designs.{n}."{p}"', p, False) for n, d in spec.designs.items() for p in d.overrides]
+    for path in spec.assumptions:
+        if not exists(spec.resolved, path):
+            yield finding(f'assumptions."{path}"', "the study has no such path.")
+    for where, path, numeric in uses:
+        try:
+            value = lookup(resolved, path)
+        except SpecError as error:
+            yield f"{where}: {error.findings[0].split(': ', 1)[1]}"
+            continue
+        if numeric and (isinstance(value, bool) or not isinstance(value, int | float)):
+            yield finding(where, f"the path holds {value!r}, not a number.", remedy="Search one number at a time.")
+        if numeric and path.split(".")[0] not in SECTIONS:
+            yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")
+
+
+def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
+    """Metrics that something reads must exist, and constraints must be possible."""
+    numbers = spec.registry.numbers()
+    uses = [(f"objectives.{i}.metric", o.metric) for i, o in enumerate(spec.objectives) if o.metric]
+    uses += [(f"constraints.{i}.metric", c.metric) for i, c in enumerate(spec.constraints)]
+    uses += [(f"designs.{n}.published.{m}", m) for n, d in spec.designs.items() for m in d.published]
+    for where, name in uses:
+        if name not in numbers:
+            yield finding(where, f"no metric yields {name!r}{did_you_mean(name, numbers)}")
+    for i, constraint in enumerate(spec.constraints):
+        if constraint.metric in numbers:
+            number = numbers[constraint.metric][1]
+            low = -float("inf") if constraint.min is None else constraint.min
+            high = float("inf") if constraint.max is None else constraint.max
+            if low > number.high or high < number.low:
+                allowed = f"{number.name} lies between {number.low:g} and {number.high:g}."
+                yield finding(f"constraints.{i}", f"nothing can meet {constraint.label}: {allowed}")
+    published = [n for n, d in spec.designs.items() if d.published]
+    if any(o.aggregate == "misfit" for o in spec.objectives) and not published:
+        yield finding("objectives", "misfit needs a named design with published values.")
+
+
+def _variants(spec: StudySpec) -> Iterable[str]:
+    """Named designs and scenarios must be designs; so must the corners of the search."""
+    variants: list[tuple[str, Mapping[str, Any]]] = [(f"designs.{n}", d.overrides) for n, d in spec.designs.items()]
+    variants += [(f"scenarios {s.label}", s.overrides) for s in spec.scenarios]
+    for end in ("low", "high"):
+        corner = {name: getattr(r, end) for name, r in spec.ranges.items()}
+        try:
+            variants.append((f"search, every variable at its {end} end", spec.overrides(corner)))
+        except SpecError as error:
+            yield from error.findings
+    for where, overrides in variants:
+        try:
+            spec.design(overrides)
+        except SpecError as error:
+            yield from (f"{where}: {line}" for line in error.findings)
+
+
+def _budget(spec: StudySpec, base: Design) -> Iterable[str]:
+    """A search needs something to vary and something to optimise."""
+    if spec.study.trials and not spec.ranges:
+        yield finding("study.trials", "there is nothing to vary.", value=spec.study.trials, remedy="Add [search].")
+    if spec.study.trials and not spec.objectives:
+        remedy = 'Add [[objectives]] with metric = "F" and direction = "maximize".'
+        yield finding("study.trials", "there is no objective.", value=spec.study.trials, remedy=remedy)
+    unused = set(spec.ranges) - set(spec.searched)
+    unused -= {name for e in spec.expressions.values() for name in e.names}
+    for name in sorted(unused):
+        yield finding(f"variables.{name}", "no expression reads it.", remedy="Use it in [search], or remove it.")
+    if spec.study.sampler == "grid":
+        for name, r in spec.ranges.items():
+            if r.step is None:
+                yield finding(f"variables.{name}", "sampler = 'grid' needs a step.", remedy="Add step = ... to it.")
