@@ -41,9 +41,7 @@ def table(alpha, a, d, theta=None, *, convention, limits=None, kinds=None, **too
 
 
 def paper_table(L1=0.26, L2=0.18, limits=FULL_TURN, convention="modified"):
-    return table(
-        (0, 90, -90, 0, -90, 90), (0, 0, L1, L2, 0, 0), (0,) * 6, convention=convention, limits=limits
-    )
+    return table((0, 90, -90, 0, -90, 90), (0, 0, L1, L2, 0, 0), (0,) * 6, convention=convention, limits=limits)
 
 
 def paper(*lengths, **options):
@@ -139,8 +137,7 @@ def gantry(*limits):
     """Prismatic joints along x, y and z: the tip is the joint vector."""
     axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     joints = [
-        Joint(name, "prismatic", np.eye(4), pair, axis)
-        for name, pair, axis in zip("xyz", limits, axes, strict=True)
+        Joint(name, "prismatic", np.eye(4), pair, axis) for name, pair, axis in zip("xyz", limits, axes, strict=True)
     ]
     return SerialChain(tuple(joints), np.eye(4), np.eye(4))
 
@@ -159,7 +156,7 @@ def forward(arm, q):
 
 
 def postures(arm, q):
-    """Joint vectors as postures, limits not regarded; u is 1/2 for joints without a range."""
+    """Joint vectors as postures, inside the limits or not."""
     q = np.asarray(q, float)
     tips, rotations, jacobians = forward(arm, q)
     return Postures(arm.to_u(q), q, tips, rotations, jacobians, np.ones(len(q), bool), arm.limited)

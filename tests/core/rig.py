@@ -43,8 +43,8 @@ class Box(HumanModel):
 
     def bounds(self, operator):
         wide = max(-self.low[0], self.high[0])
-        ends = np.array([[-wide, *self.low[1:]], [wide, *self.high[1:]]])
-        return ends + [0, 0, operator.armrest]
+        raised = np.array([0.0, 0.0, operator.armrest])
+        return np.array([[-wide, *self.low[1:]], [wide, *self.high[1:]]]) + raised
 
     def field(self, grid, operator, stream):
         centres = np.stack(np.meshgrid(*(grid.centres(k) for k in range(3)), indexing="ij"), axis=-1)
@@ -79,9 +79,7 @@ def setup(arm=None, index=PAPER_INDEX, layout=None, human=None, **changes):
 def measured(design, replicates=1):
     """One design on its own human's grid."""
     grid = ergonomic_grid([design.human.bounds(design.operator)], design.r)
-    fields = [
-        design.human.field(grid, design.operator, field_stream(design.seed, k)) for k in range(replicates)
-    ]
+    fields = [design.human.field(grid, design.operator, field_stream(design.seed, k)) for k in range(replicates)]
     return measure(design, grid, fields)
 
 

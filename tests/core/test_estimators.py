@@ -14,7 +14,6 @@ from eiwa.core.workspace import Grid, Target
 from eiwa.plugins.dexterity.yoshikawa import Yoshikawa
 from tests import arms
 from tests.arms import ArrayArm
-from tests.core import rig
 from tests.core.rig import BACKENDS, PAPER_INDEX, ArrayIndex, filled_by_numpy, stream
 
 ARM = arms.paper(limits=(-2.0, 2.0))
@@ -35,11 +34,12 @@ def dexterity():
 # The same bits for any number of threads.
 
 WAYS = [
-    (aggregate, sequence, dtype)
-    for aggregate in BACKENDS
-    for sequence in ("plain", "sobol")
-    for dtype in (np.float64, np.float32)
+    ("max", "plain", np.float64),
+    ("max", "sobol", np.float32),
+    ("mean", "plain", np.float32),
+    ("mean", "sobol", np.float64),
 ]
+"""Every pair of aggregate, sequence and precision; each is a kernel of its own."""
 
 
 @pytest.fixture(scope="module", params=WAYS, ids=lambda way: f"{way[0]}-{way[1]}-{way[2].__name__}")
@@ -69,18 +69,17 @@ def test_hits_equal_numpys(way, dexterity, target):
     (aggregate, sequence, dtype), _, filled = way
     _, hits = filled_by_numpy(dexterity, TARGETS[target], stream(sequence), MANY, aggregate)
     moved = np.abs(filled[target].hits - hits).sum()
-    assert moved <= (0 if dtype is np.float64 else 1e-3 * MANY)
+    assert moved <= (0 if dtype is np.float64 else 1e-4 * MANY)
 
 
 @pytest.mark.parametrize("target", [0, 1])
 def test_values_equal_numpys(way, dexterity, target):
+    """Singles: within 2e-6 but for the few cells that a rounded sample enters or leaves."""
     (aggregate, sequence, dtype), _, filled = way
     values, _ = filled_by_numpy(dexterity, TARGETS[target], stream(sequence), MANY, aggregate)
     error = np.abs(filled[target].values - values)
-    if dtype is np.float64:
-        assert error.max() < 1e-12
-    else:
-        assert error.mean() < 1e-4
+    worst, share = (1e-12, 1.0) if dtype is np.float64 else (2e-6, 0.999)
+    assert (error <= worst).mean() >= share
 
 
 def test_half_is_what_half_the_samples_give(dexterity):
@@ -90,9 +89,7 @@ def test_half_is_what_half_the_samples_give(dexterity):
     np.testing.assert_array_equal(whole.half, first.values)
 
 
-@pytest.mark.parametrize(
-    ("samples", "half"), [(1, 1), (256, 256), (300, 256), (1000, 512), (1 << 20, 1 << 19)]
-)
+@pytest.mark.parametrize(("samples", "half"), [(1, 1), (256, 256), (300, 256), (1000, 512), (1 << 20, 1 << 19)])
 def test_half_is_rounded_up_to_whole_blocks(samples, half):
     assert Sampling(samples).half == half
 
@@ -100,9 +97,7 @@ def test_half_is_rounded_up_to_whole_blocks(samples, half):
 @pytest.mark.parametrize("samples", [1, 255, 256, 257, 1000])
 def test_every_sample_is_counted_once(dexterity, samples):
     everywhere = Target(Grid(0.5, (-1, -1, -1), (2, 2, 2)), np.eye(4))
-    assert (
-        fill(dexterity, [everywhere], BACKENDS["max"], stream(), Sampling(samples))[0].hits.sum() == samples
-    )
+    assert fill(dexterity, [everywhere], BACKENDS["max"], stream(), Sampling(samples))[0].hits.sum() == samples
 
 
 def test_values_lie_between_0_and_1(dexterity):
@@ -189,9 +184,7 @@ class PlainMax(type(BACKENDS["max"])):
 
 def test_a_backend_in_plain_numpy_gives_the_same_cells(dexterity):
     amount = Sampling(10_000)
-    plain, compiled = (
-        fill(dexterity, TARGETS, b, stream(), amount)[0] for b in (PlainMax(), BACKENDS["max"])
-    )
+    plain, compiled = (fill(dexterity, TARGETS, b, stream(), amount)[0] for b in (PlainMax(), BACKENDS["max"]))
     np.testing.assert_allclose(plain.values, compiled.values, atol=1e-12)
 
 
@@ -199,28 +192,30 @@ def test_a_backend_in_plain_numpy_gives_the_same_cells(dexterity):
 
 
 class HalfSolved(SerialChain):
-    """Only joint vectors with u_1 < 1/2 have a solution."""
+    """A planar arm of which only joint vectors with u_1 < 1/2 have a solution."""
 
     def columns(self, u, p):
         return replace(super().columns(u, p), valid=u[0] < 0.5)
 
 
 def half_solved():
-    return HalfSolved(ARM.joints, ARM.T_last_tip, ARM.T_base_first)
+    planar = arms.planar(0.3, 0.2)
+    return HalfSolved(planar.joints, planar.T_last_tip, planar.T_base_first)
 
 
-EVERYWHERE = [Target(Grid(0.05, (-10, -10, -10), (20, 20, 20)), np.eye(4))]
+IN_PLANE = Yoshikawa(K=None, K_scaled=3.0, rows=(0, 1))
+EVERYWHERE = [Target(Grid(0.05, (-10, -10, -1), (20, 20, 2)), np.eye(4))]
 
 
 @pytest.fixture(scope="module", params=["fused", "array"])
 def partly_solved(request):
     arm = half_solved()
-    return prepare(arm if request.param == "fused" else ArrayArm(arm), PAPER_INDEX, None, 0.0)
+    return prepare(arm if request.param == "fused" else ArrayArm(arm), IN_PLANE, None, 0.0)
 
 
 def test_samples_without_a_solution_are_not_deposited(partly_solved):
     hits = fill(partly_solved, EVERYWHERE, BACKENDS["max"], stream(), Sampling(20_000))[0].hits
-    assert hits.sum() == (stream().points(0, 20_000, 6)[:, 0] < 0.5).sum()
+    assert hits.sum() == (stream().points(0, 20_000, 2)[:, 0] < 0.5).sum()
 
 
 def test_samples_without_a_solution_leave_no_values(partly_solved):
@@ -230,19 +225,17 @@ def test_samples_without_a_solution_leave_no_values(partly_solved):
 
 
 def test_samples_without_a_solution_are_marked_minus_one(partly_solved):
-    u = np.full((2, 6), 0.4)
-    u[1, 0] = 0.6
+    u = np.array([[0.4, 0.4], [0.6, 0.4]])
     assert list(partly_solved.raw(u)[1] >= 0) == [True, False]
 
 
 def test_postures_carry_the_mask():
-    u = np.full((2, 6), 0.4)
-    u[1, 0] = 0.6
+    u = np.array([[0.4, 0.4], [0.6, 0.4]])
     assert half_solved().postures(u).valid.tolist() == [True, False]
 
 
-# Voxel counting is biased (facts-kinematics): occupied voxels of the paper's arm, full range, against its exact
-# reachable volume 8 pi L1^2 L2, and the share of samples that are alone in their voxel.
+# Voxel counting is biased (facts-kinematics): occupied voxels of the paper's arm, full range, against its
+# exact reachable volume 8 pi L1^2 L2, and the share of samples that are alone in their voxel.
 
 EXACT = 8 * np.pi * 0.26**2 * 0.18
 COUNTED = {
@@ -289,11 +282,8 @@ def test_share_of_8e6_samples_alone_in_their_voxel():
 
 
 def test_the_normaliser_is_the_largest_manipulability():
-    """With K' = 60 the penalty is 1 but for 1e-26 at mid-range; on unlimited joints it is 1 everywhere."""
-    w = Yoshikawa(K=None, K_scaled=60.0, rows=rig.ALL_ROWS)
-    assert prepare(arms.paper(limits=None), w, None, 0.0).normaliser == pytest.approx(
-        0.014256078741, abs=1e-12
-    )
+    w = ArrayIndex(lambda postures: arms.manipulability(postures.jacobians))
+    assert prepare(arms.paper(), w, None, 0.0).normaliser == pytest.approx(0.014256078741, abs=1e-12)
 
 
 def test_a_given_normaliser_is_kept():
@@ -304,10 +294,9 @@ def test_the_reach_is_the_largest_distance(dexterity):
     assert dexterity.reach == pytest.approx(0.44, abs=1e-9)
 
 
-@pytest.mark.parametrize("wrap", [lambda arm: arm, ArrayArm], ids=["fused", "array"])
-def test_an_arm_that_is_singular_everywhere_is_refused(wrap):
-    with pytest.raises(SingularArm):
-        prepare(wrap(arms.paper(convention="standard")), PAPER_INDEX, None, 0.0)
+def test_an_arm_that_is_singular_everywhere_is_refused():
+    with pytest.raises(SingularArm, match="zero at every posture"):
+        prepare(ArrayArm(arms.planar(0.3, 0.2)), Yoshikawa(K=None, K_scaled=3.0, rows=(2,)), None, 0.0)
 
 
 def test_table_1_read_as_standard_names_the_other_convention():
@@ -333,7 +322,5 @@ def test_an_arm_with_tips_that_are_not_finite_is_refused():
 
 
 def test_negative_values_of_an_index_count_as_zero():
-    _, raw = evaluate(
-        ARM, ArrayIndex(lambda postures: np.full(len(postures.u), -3.0)), NOTHING, np.full((1, 6), 0.5)
-    )
+    _, raw = evaluate(ARM, ArrayIndex(lambda postures: np.full(len(postures.u), -3.0)), NOTHING, np.full((1, 6), 0.5))
     assert raw == [0.0]

@@ -13,9 +13,7 @@ SHAPES = [(rows, columns) for rows in range(1, 7) for columns in range(1, 13)]
 
 def on_columns(function, matrices):
     """A function of a matrix of columns, at a stack of matrices (n, rows, columns)."""
-    value = function(
-        [[matrices[:, i, j] for j in range(matrices.shape[2])] for i in range(matrices.shape[1])]
-    )
+    value = function([[matrices[:, i, j] for j in range(matrices.shape[2])] for i in range(matrices.shape[1])])
     return np.broadcast_to(value, len(matrices))
 
 

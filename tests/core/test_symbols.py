@@ -132,9 +132,7 @@ def test_parameters_change_without_another_kernel():
 
 
 def test_outputs_may_be_constants():
-    assert (
-        Map(lambda u, p: [u[0], 3, 0.5], 1, 0)(np.ones((2, 1)), np.zeros(0)).tolist() == [[1.0, 3.0, 0.5]] * 2
-    )
+    assert Map(lambda u, p: [u[0], 3, 0.5], 1, 0)(np.ones((2, 1)), np.zeros(0)).tolist() == [[1.0, 3.0, 0.5]] * 2
 
 
 @pytest.mark.parametrize("n", [0, 1, 255, 256, 257, 20_000])
