@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import ModuleType
@@ -95,6 +95,15 @@ class Family:
         """Numbers that the kernel reads: the arm's, then every member's; shape (k,)."""
         assert isinstance(self.arm, TracedArm)
         return np.concatenate([self.arm.constants, *(d.prepared for d in self.members)])
+
+    @cached_property
+    def identity(self) -> Hashable:
+        """Equal for families that give every sample the same tip and raw indices; None when that cannot be known."""
+        index = self.members[0].index
+        if not (self.traced and isinstance(self.arm, TracedArm) and isinstance(index, TracedIndex)):
+            return None
+        structures = (type(self.arm), self.arm.structure, type(index), index.structure)
+        return None if None in structures else (*structures, len(self.members), self.constants.tobytes())
 
     def scales(self, dtype: Any) -> NDArray[Any]:
         """1 / normaliser of every member, shape (m,)."""

@@ -7,7 +7,7 @@ the same steps run on arrays in larger blocks. Both give each sample to the same
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,7 +15,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
-from eiwa.core import sampling, workspace
+from eiwa.core import reuse, sampling, workspace
 from eiwa.core.dexterity import Family
 from eiwa.core.interfaces import Array, VoxelBackend
 from eiwa.core.kernel import STRIDE, on_all_threads, scratch, thread_count
@@ -54,9 +54,12 @@ class Filled:
 
 
 class Flow(Protocol):
-    """Samples ``first ... last - 1`` of a stream into a store that holds every member's cells one after another."""
+    """Samples ``first ... last - 1`` of a stream into a store that holds every member's cells one after another.
 
-    def __call__(self, first: int, last: int, store: Any) -> None:
+    Tips and raw indices are written into ``record`` (3 + m, N) where it has rows.
+    """
+
+    def __call__(self, first: int, last: int, record: NDArray[Any], store: Any) -> None:
         """Deposit them."""
 
 
@@ -66,14 +69,27 @@ def fill(
     """Deposit the samples of one stream into every target, for every member of the family.
 
     Chunks of the stream are shared out among the threads, each with a store of its own; maxima and integer sums make
-    the result the same for any number of threads.
+    the result the same for any number of threads. Samples asked for again are not computed again
+    (:mod:`eiwa.core.reuse`).
 
     Returns
     -------
     For each member, what is left in each target.
     """
-    fused = family.traced and isinstance(backend.deposit, Dispatcher)
-    flow = (fused_flow if fused else array_flow)(family, targets, backend, stream, amount.dtype)
+    key = None if family.identity is None else (family.identity, stream, amount.samples, np.dtype(amount.dtype))
+    kept = reuse.samples.find(key) if key else None
+    record = (
+        reuse.samples.room(key, (3 + len(family.members), amount.samples), amount.dtype)
+        if key and kept is None
+        else None
+    )
+    if kept is not None:
+        flow = replay_flow(kept, family, targets, backend, amount.dtype)
+    elif family.traced and isinstance(backend.deposit, Dispatcher):
+        flow = fused_flow(family, targets, backend, stream, amount.dtype)
+    else:
+        flow = array_flow(family, targets, backend, stream, amount.dtype)
+    recorded = record if record is not None else np.empty((0, 0), amount.dtype)
     cells = sum(t.grid.cells for t in targets) * len(family.members)
     threads = min(thread_count(), max(1, amount.half // CHUNK))
     stores = [backend.open(cells) for _ in range(threads)]
@@ -84,7 +100,7 @@ def fill(
 
         def work(share: list[int], store: Any) -> None:
             for start in share:
-                flow(start, min(start + CHUNK, last), store)
+                flow(start, min(start + CHUNK, last), recorded, store)
 
         on_all_threads(work, shares, stores)
 
@@ -98,13 +114,16 @@ def fill(
     deposit(0, amount.half)
     half = read()
     deposit(amount.half, amount.samples)
+    if record is not None:
+        reuse.samples.keep(key, record)
     return _parted(targets, len(family.members), read(), half, backend.hits(stores[0]))
 
 
 def _parted(
     targets: Sequence[Target], members: int, values: Array, half: Array, hits: NDArray[np.int64]
 ) -> list[list[Filled]]:
-    filled, start = [], 0
+    filled: list[list[Filled]] = []
+    start = 0
     for _ in range(members):
         filled.append([])
         for target in targets:
@@ -116,29 +135,53 @@ def _parted(
 
 def array_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend, stream: Stream, dtype: Any) -> Flow:
     """The flow on blocks of arrays, for plugins in plain NumPy."""
-    affines, layout = packed(targets, dtype)
-    total = sum(t.grid.cells for t in targets)
-    scales, thresholds = family.scales(dtype), family.thresholds(dtype)
+    credit = _credit(family, targets, backend, dtype)
 
-    def flow(first: int, last: int, store: Any) -> None:
-        cells, picks, values = (
-            np.empty(ARRAY_BLOCK, np.int32),
-            np.empty(ARRAY_BLOCK, np.int32),
-            np.empty(ARRAY_BLOCK, dtype),
-        )
+    def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
         for start in range(first, last, ARRAY_BLOCK):
-            n = min(ARRAY_BLOCK, last - start)
-            tips, raw = family.evaluate(stream.points(start, n, family.arm.dof))
-            x, y, z = (np.ascontiguousarray(tips[:, i], dtype) for i in range(3))
-            raws = np.ascontiguousarray(raw.T, dtype)
-            for affine, shape in zip(affines, layout, strict=True):
-                count = workspace.locate(x, y, z, raws[0], n, affine, shape, cells, picks)
-                for member in range(len(raws)):
-                    workspace.normalise(raws[member], picks, count, scales[member], thresholds[member], values)
-                    backend.deposit(store, cells, values, count)
-                    cells += np.int32(total)
+            stop = min(start + ARRAY_BLOCK, last)
+            tips, raw = family.evaluate(stream.points(start, stop - start, family.arm.dof))
+            rows = np.concatenate([tips, raw], axis=1).T.astype(dtype, order="C")
+            if record.size:
+                record[:, start:stop] = rows
+            credit(rows, store)
 
     return flow
+
+
+def replay_flow(
+    kept: NDArray[Any], family: Family, targets: Sequence[Target], backend: VoxelBackend, dtype: Any
+) -> Flow:
+    """The flow from kept samples."""
+    credit = _credit(family, targets, backend, dtype)
+
+    def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
+        for start in range(first, last, ARRAY_BLOCK):
+            credit(kept[:, start : min(start + ARRAY_BLOCK, last)], store)
+
+    return flow
+
+
+def _credit(
+    family: Family, targets: Sequence[Target], backend: VoxelBackend, dtype: Any
+) -> Callable[[NDArray[Any], Any], None]:
+    """A function that locates and deposits rows x, y, z, raw indices."""
+    affines, layout = packed(targets, dtype)
+    total = np.int32(sum(t.grid.cells for t in targets))
+    scales, thresholds = family.scales(dtype), family.thresholds(dtype)
+
+    def credit(rows: NDArray[Any], store: Any) -> None:
+        n = rows.shape[1]
+        cells, picks, values = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, dtype)
+        x, y, z, *raws = rows
+        for affine, shape in zip(affines, layout, strict=True):
+            count = workspace.locate(x, y, z, raws[0], n, affine, shape, cells, picks)
+            for raw, scale, threshold in zip(raws, scales, thresholds, strict=True):
+                workspace.normalise(raw, picks, count, scale, threshold, values)
+                backend.deposit(store, cells, values, count)
+                cells += total
+
+    return credit
 
 
 def fused_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend, stream: Stream, dtype: Any) -> Flow:
@@ -160,11 +203,11 @@ def fused_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend,
     scales, thresholds = family.scales(dtype), family.thresholds(dtype)
     total = np.int32(sum(t.grid.cells for t in targets))
 
-    def flow(first: int, last: int, store: Any) -> None:
+    def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
         w, cells, picks = scratch(kernel.rows, dtype), np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
         values = np.empty(BLOCK, dtype)
         kernel.module.flow(
-            first, last, *arguments, w, scales, thresholds, affines, layout, total, cells, picks, values, store
+            first, last, *arguments, w, scales, thresholds, affines, layout, total, cells, picks, values, record, store
         )
 
     return flow
@@ -177,12 +220,15 @@ from eiwa.core.workspace import locate, normalise
 
 
 @compiled
-def flow(first, last, key, table, p, w, scales, thresholds, affines, layout, total, cells, picks, values, store):
+def flow(first, last, key, table, p, w, scales, thresholds, affines, layout, total, cells, picks, values, record, store):
     x, y, z = {dof} * {stride}, ({dof} + 1) * {stride}, ({dof} + 2) * {stride}
     for start in range(first, last, {block}):
         n = min({block}, last - start)
         fill(w, {stride}, {dof}, np.uint64(start), key, table)
         block(w, p)
+        for row in range(record.shape[0]):
+            for s in range(n):
+                record[row, start + s] = w[({dof} + row) * {stride} + s]
         for t in range(layout.shape[0]):
             raw = ({dof} + 3) * {stride}
             count = locate(w[x : x + {block}], w[y : y + {block}], w[z : z + {block}], w[raw : raw + {block}],
