@@ -59,11 +59,11 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     prepared = index.prepare(arm, arm.postures(u)) if needs_postures else NOTHING
     unit = Dexterity(arm, index, prepared, 1.0, threshold)
     tips, raw = unit.raw(u)
-    if not (np.isfinite(tips).all() and np.isfinite(raw).all()):
-        raise PluginError(f"{type(arm).__name__} with {type(index).__name__}: values that are not finite")
+    _refuse_nan(unit, tips, raw)
     size = max(float(np.abs(tips).max()), 1e-3)
     if raw.max() <= 1e-12 * size**3:
-        raise SingularArm(arm.when_singular() or "the dexterity index is zero at every posture")
+        zero = f"dexterity: the index is at most {raw.max():.1g} at every posture of this arm. Check its parameters."
+        raise SingularArm(arm.when_singular() or zero)
     if normaliser is None:
         normaliser = maximum(lambda v: unit.raw(v)[1], u, raw)
     return Dexterity(arm, index, prepared, normaliser, threshold)
@@ -119,8 +119,11 @@ class Family:
             out = self.kernel()(u, self.constants)
             return out[:, :3], out[:, 3:]
         postures = self.arm.postures(u)
-        raws = [np.maximum(d.index.values(postures, d.prepared), 0.0) for d in self.members]
-        return postures.tips, np.where(postures.valid[:, None], np.stack(raws, axis=1), -1.0)
+        raws = np.stack([np.maximum(d.index.values(postures, d.prepared), 0.0) for d in self.members], axis=1)
+        valid = postures.valid[:, None]
+        tips, raws = np.where(valid, postures.tips, 0.0), np.where(valid, raws, -1.0)
+        _refuse_nan(self.members[0], tips, raws)
+        return tips, raws
 
     def kernel(self, dtype: Any = np.float64, flow: str = "", components: Sequence[ModuleType] = ()) -> Map:
         """The compiled formulas: u (n, dof) -> tip, raw indices; with ``flow``, more source around the same block."""
@@ -145,6 +148,12 @@ class Family:
 
 
 _kernels: dict[Any, Map] = {}
+
+
+def _refuse_nan(dexterity: Dexterity, tips: Array, raw: Array) -> None:
+    for part, values in ((dexterity.arm, tips), (dexterity.index, raw)):
+        if not np.isfinite(values).all():
+            raise PluginError(f"{type(part).__name__} of {type(part).__module__}: values that are not finite")
 
 
 def _structure(index: DexterityIndex) -> Any:

@@ -238,7 +238,7 @@ def ergonomic_grid(boxes: Sequence[NDArray[np.float64]], r: float) -> Grid:
     """The grid that covers all boxes in W and is symmetric in x, so that mirroring is an index flip."""
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)
-    high[0] = max(high[0], -low[0])
+    high[0] = max(high[0], -low[0], r)
     low[0] = -high[0]
     return Grid.covering(np.array([low, high]), r)
 

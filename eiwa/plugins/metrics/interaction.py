@@ -15,7 +15,10 @@ Volume = Literal["sum", "union"]
 
 
 class FParameters(Parameters):
-    """F = V_I / V_R: share of the ergonomic workspace that is dexterous, Eq. (4)."""
+    """F = V_I / V_R: share of the ergonomic workspace that is dexterous, Eq. (4).
+
+    Within [0, 1] for ``sum``; for ``union`` at most the largest E_left + E_right.
+    """
 
     volume: Volume = quantity(
         "sum", description="V_R: 'sum' of E_left + E_right, or 'union', the number of cells with E > 0."
@@ -123,9 +126,9 @@ def eiwa_metrics() -> list[Plugin]:
             FParameters,
             F,
             (
-                Number("F", "", "share of the ergonomic workspace that is dexterous", 0.0, 1.0),
+                Number("F", "", "share of the ergonomic workspace that is dexterous", 0.0, 2.0),
                 Number("F_se", "", "standard deviation of F over full-size replicates", 0.0),
-                Number("F_drift", "", "F at N samples less F at N/2", -1.0, 1.0),
+                Number("F_drift", "", "F at N samples less F at N/2", -2.0, 2.0),
                 Number("F_remaining", "", "elites: how far F may still rise", 0.0),
                 Number("evaluations", "", "elites: samples spent before the tolerance was met", 0.0),
             ),
