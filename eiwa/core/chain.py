@@ -69,7 +69,7 @@ class SerialChain(TracedArm):
         if not 1 <= movable <= MAX_JOINTS:
             raise SpecError(finding("arm.joints", f"{movable} movable joints; a chain has 1 to {MAX_JOINTS}."))
         for joint in self.movable:
-            _check_limits(joint)
+            _check(joint)
 
     @cached_property
     def movable(self) -> tuple[Joint, ...]:
@@ -142,7 +142,8 @@ class SerialChain(TracedArm):
 
     def to_u(self, q: Array) -> Array:
         """Joint vectors as points of the unit cube (outside [0, 1] when beyond a limit)."""
-        return (np.asarray(q, float) - self.lower) / (self.upper - self.lower)
+        span = self.upper - self.lower
+        return (np.asarray(q, float) - self.lower) / np.where(span > 0, span, 1.0)
 
     def columns(self, u: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
         """Joint values from the unit cube, then :meth:`at`."""
@@ -235,7 +236,10 @@ def _row_times(row: Sequence[Column], vector: Sequence[Column]) -> Column:
     return total
 
 
-def _check_limits(joint: Joint) -> None:
+def _check(joint: Joint) -> None:
+    if not (np.isfinite(joint.T_parent_joint).all() and np.isfinite(joint.axis).all() and any(joint.axis)):
+        problem = "a joint needs a finite transform and an axis that is not zero."
+        raise SpecError(finding(f"arm.joints.{joint.name}", problem, value=joint.axis))
     path = f"arm.joints.{joint.name}.limits"
     if joint.limits is None:
         if joint.kind == "prismatic":

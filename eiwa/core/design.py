@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from eiwa.core.errors import SpecError, finding
-from eiwa.core.estimators import Sampling
 from eiwa.core.evaluation import Layout, Setup
+from eiwa.core.filling import Sampling
 from eiwa.core.findings import validated
 from eiwa.core.hookspecs import Parameters, Plugin
 from eiwa.core.interfaces import HumanModel, Operator
@@ -44,6 +45,13 @@ class Design:
         tree["metrics"] = {name: parameters.model_dump(mode="json") for name, (_, parameters) in self.metrics.items()}
         return tree
 
+    @property
+    def kinematics(self) -> str:
+        """Equal for designs that differ in their dexterity's parameters alone."""
+        tree = self.resolved()
+        tree["dexterity"] = tree["dexterity"]["kind"]
+        return json.dumps(tree, sort_keys=True)
+
     def setup(self, seed: int) -> Setup:
         """Build the parts."""
         layout, operator = self.tables["layout"], self.tables["operator"]
@@ -67,8 +75,10 @@ class Design:
             operator=Operator(operator.armrest, operator.seat),
             backend=backend,
             r=voxels.size,
-            sampling=Sampling(sampling.samples, np.float64 if sampling.precision == "f64" else np.float32),
-            sequence=sampling.estimator,
+            sampling=Sampling(
+                sampling.samples, np.float64 if sampling.precision == "f64" else np.float32, sampling.tolerance
+            ),
+            estimator=sampling.estimator,
             seed=seed,
             metrics={name: plugin.build(parameters) for name, (plugin, parameters) in self.metrics.items()},
         )

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.estimators import Dexterity, Filled, Sampling, fill, prepare
+from eiwa.core.dexterity import Dexterity, Family, prepare
+from eiwa.core.elites import Refinement, refine
+from eiwa.core.filling import Filled, Sampling, fill
 from eiwa.core.interfaces import (
     Arm,
     Array,
@@ -21,13 +23,14 @@ from eiwa.core.interfaces import (
     Operator,
     VoxelBackend,
 )
-from eiwa.core.sampling import Sequence as SequenceName
 from eiwa.core.sampling import Stream
 from eiwa.core.transforms import Transform, roll_pitch_yaw, translation
 from eiwa.core.workspace import Grid, Target
 
 JOINT_STREAM, FIELD_STREAM = 0, 1
 """Last word of a stream's seed path: joint samples, and the human model's samples."""
+VOLUME_SAMPLES = 1 << 20
+"""Whole workspaces are counted from at most so many samples."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ class Setup:
     backend: VoxelBackend
     r: float
     sampling: Sampling
-    sequence: SequenceName
+    estimator: Literal["plain", "sobol", "elites"]
     seed: int
     metrics: Mapping[str, Metric]
 
@@ -82,11 +85,12 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class Replicate:
-    """The interaction workspace of one replicate, on E's grid."""
+    """The interaction workspace of one replicate, on E's grid; ``refinement`` where elites searched it."""
 
     E: ErgonomicField
     V: Pair
     alpha: float
+    refinement: Refinement | None = None
 
     @property
     def V_dual(self) -> Array:
@@ -94,14 +98,46 @@ class Replicate:
         return self.alpha * (self.V.right.values + self.V.left.values)
 
     @property
-    def V_dual_half(self) -> Array:
-        """The same from the first half of the samples."""
+    def V_dual_half(self) -> Array | None:
+        """The same from the first half of the samples, where they were drawn evenly."""
+        if self.V.right.half is None or self.V.left.half is None:
+            return None
         return self.alpha * (self.V.right.half + self.V.left.half)
 
     @property
     def E_sum(self) -> Array:
         """E_left + E_right."""
         return self.E.left + self.E.right
+
+
+@dataclass(frozen=True, eq=False)
+class Volumes:
+    """Whole workspaces of a family, filled when a metric or a figure asks for them (replicate 0)."""
+
+    setup: Setup
+    family: Family
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance of the tip from the base origin [m]."""
+        return self.family.members[0].reach
+
+    @cached_property
+    def whole(self) -> list[Pair]:
+        """Both arms' dexterous workspaces on a grid in W that holds all of them, of every member."""
+        grid = _grid_of_both_arms(self.setup.layout, self.reach, self.setup.r)
+        return [_pair(grid, filled) for filled in self._fill(_targets(self.setup.layout, grid))]
+
+    @cached_property
+    def mmdw(self) -> list[Filled]:
+        """The dexterous workspace of one arm on a grid in its base frame, of every member."""
+        corner = np.full(3, self.reach)
+        target = Target(Grid.covering(np.array([-corner, corner]), self.setup.r), np.eye(4))
+        return [filled[0] for filled in self._fill([target])]
+
+    def _fill(self, targets: Sequence[Target]) -> list[list[Filled]]:
+        amount = replace(self.setup.sampling, samples=min(self.setup.sampling.samples, VOLUME_SAMPLES))
+        return fill(self.family, targets, self.setup.backend, joint_stream(self.setup, 0), amount)
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,49 +150,58 @@ class Measurement:
     setup: Setup
     dexterity: Dexterity
     replicates: Sequence[Replicate]
+    volumes: Volumes
+    member: int
 
     @property
     def first(self) -> Replicate:
         """Replicate 0."""
         return self.replicates[0]
 
-    @cached_property
+    @property
     def whole(self) -> Pair:
-        """Both arms' dexterous workspaces on a grid in W that holds all of them (replicate 0)."""
-        return fill_pair(
-            self.setup,
-            self.dexterity,
-            _grid_of_both_arms(self.setup.layout, self.dexterity.reach, self.setup.r),
-            0,
-        )
+        """Both arms' dexterous workspaces on a grid in W that holds all of them."""
+        return self.volumes.whole[self.member]
 
-    @cached_property
+    @property
     def mmdw(self) -> Filled:
-        """The dexterous workspace of one arm on a grid in its base frame (replicate 0)."""
-        reach = np.full(3, self.dexterity.reach)
-        target = Target(Grid.covering(np.array([-reach, reach]), self.setup.r), np.eye(4))
-        stream = joint_stream(self.setup, 0)
-        return fill(self.dexterity, [target], self.setup.backend, stream, self.setup.sampling)[0]
+        """The dexterous workspace of one arm on a grid in its base frame."""
+        return self.volumes.mmdw[self.member]
 
 
-def measure(setup: Setup, grid: Grid, fields: Sequence[ErgonomicField]) -> Measurement:
-    """Evaluate one design: one replicate per ergonomic field.
+def measure(setups: Sequence[Setup], grid: Grid, fields: Sequence[ErgonomicField]) -> list[Measurement]:
+    """Evaluate setups that differ in their dexterity alone, from the same samples and kinematics.
 
     Parameters
     ----------
-    setup
-        The design.
+    setups
+        One or more; arm, layout, human, voxels and sampling of the first serve all.
     grid
         E's grid in W, common to all scenarios.
     fields
-        E on that grid, of replicates 0, 1, ... (:func:`ergonomic_field`).
+        E on that grid, of replicates 0, 1, ... (:func:`eiwa.core.outcome.ergonomic_field`).
     """
-    dexterity = prepare(setup.arm, setup.index, setup.normaliser, setup.threshold)
-    replicates = [
-        Replicate(field, fill_pair(setup, dexterity, grid, number), setup.layout.alpha)
-        for number, field in enumerate(fields)
+    first = setups[0]
+    family = Family(tuple(prepare(first.arm, s.index, s.normaliser, s.threshold) for s in setups))
+    volumes = Volumes(first, family)
+    filled = [_replicates(first, family, grid, field, number) for number, field in enumerate(fields)]
+    return [
+        Measurement(setup, dexterity, [replicates[m] for replicates in filled], volumes, m)
+        for m, (setup, dexterity) in enumerate(zip(setups, family.members, strict=True))
     ]
-    return Measurement(setup, dexterity, replicates)
+
+
+def _replicates(setup: Setup, family: Family, grid: Grid, E: ErgonomicField, number: int) -> list[Replicate]:
+    """One replicate of every member."""
+    targets, stream = _targets(setup.layout, grid), joint_stream(setup, number)
+    if setup.estimator != "elites":
+        filled = fill(family, targets, setup.backend, stream, setup.sampling)
+        return [Replicate(E, _pair(grid, sides), setup.layout.alpha) for sides in filled]
+    weights = E.left + E.right
+    if len(targets) == 1:  # the mirror image falls on the mirrored cells
+        weights = (weights + weights[::-1]) / 2
+    refined = refine(family, targets, weights, stream, setup.sampling)
+    return [Replicate(E, _pair(grid, sides), setup.layout.alpha, refinement) for sides, refinement in refined]
 
 
 def metrics(measurement: Measurement) -> dict[str, float | None]:
@@ -167,18 +212,21 @@ def metrics(measurement: Measurement) -> dict[str, float | None]:
     return numbers
 
 
-def fill_pair(setup: Setup, dexterity: Dexterity, grid: Grid, replicate: int) -> Pair:
-    """V of both arms on a grid in W, from the same samples."""
-    sides = (+1,) if setup.layout.second == "mirrored" else (+1, -1)
-    targets = [Target(grid, setup.layout.T_world_base(side)) for side in sides]
-    stream = joint_stream(setup, replicate)
-    right, *left = fill(dexterity, targets, setup.backend, stream, setup.sampling)
+def _targets(layout: Layout, grid: Grid) -> list[Target]:
+    """The right arm's grid, and the left arm's where it is not a mirror image."""
+    sides = (+1,) if layout.second == "mirrored" else (+1, -1)
+    return [Target(grid, layout.T_world_base(side)) for side in sides]
+
+
+def _pair(grid: Grid, sides: Sequence[Filled]) -> Pair:
+    right, *left = sides
     return Pair(grid, right, left[0] if left else _mirrored(right))
 
 
 def joint_stream(setup: Setup, replicate: int) -> Stream:
     """The stream of joint samples of one replicate."""
-    return Stream.of(setup.sequence, setup.seed, replicate, JOINT_STREAM)
+    sequence: Literal["plain", "sobol"] = "sobol" if setup.estimator == "sobol" else "plain"
+    return Stream.of(sequence, setup.seed, replicate, JOINT_STREAM)
 
 
 def field_stream(seed: int, replicate: int) -> Stream:
@@ -190,7 +238,7 @@ def ergonomic_grid(boxes: Sequence[NDArray[np.float64]], r: float) -> Grid:
     """The grid that covers all boxes in W and is symmetric in x, so that mirroring is an index flip."""
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)
-    high[0] = max(high[0], -low[0])
+    high[0] = max(high[0], -low[0], r)
     low[0] = -high[0]
     return Grid.covering(np.array([low, high]), r)
 
@@ -203,4 +251,6 @@ def _grid_of_both_arms(layout: Layout, reach: float, r: float) -> Grid:
 
 
 def _mirrored(right: Filled) -> Filled:
-    return Filled(right.values[::-1], right.half[::-1], right.hits[::-1])
+    """The mirror image in x of what stands on a symmetric grid."""
+    half = None if right.half is None else right.half[::-1]
+    return Filled(right.values[::-1], half, None if right.hits is None else right.hits[::-1])

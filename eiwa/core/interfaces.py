@@ -191,7 +191,7 @@ class HumanModel(ABC):
 
     @abstractmethod
     def field(self, grid: Grid, operator: Operator, stream: Stream) -> ErgonomicField:
-        """E on the grid; ``stream`` is the replicate's source of randomness, if the model needs one."""
+        """E on a grid that covers :meth:`bounds`; ``stream`` is the replicate's randomness, if the model needs any."""
 
 
 class VoxelBackend(ABC):

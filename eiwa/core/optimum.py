@@ -1,4 +1,4 @@
-"""The maximum of a function on the unit cube, found without gradients and the same on every machine."""
+"""The maximum of a function on the unit cube, found without gradients, whatever the number of threads."""
 
 from __future__ import annotations
 

@@ -65,15 +65,24 @@ def measurements(
     scenarios: Sequence[Scenario] = (REFERENCE,),
     replicates: int = 1,
 ) -> list[tuple[Scenario, Measurement]]:
-    """The design's measurement under each scenario, on one grid per voxel size that covers E of all of them."""
-    setups = [spec.design({**overrides, **s.overrides}).setup(spec.study.seed) for s in scenarios]
-    result = []
-    for scenario, setup in zip(scenarios, setups, strict=True):
-        grid = ergonomic_grid([s.human.bounds(s.operator) for s in setups], setup.r)
-        require_memory(grid.cells, setup)
-        fields = [ergonomic_field(setup, grid, k) for k in range(replicates)]
-        result.append((scenario, measure(setup, grid, fields)))
-    return result
+    """The design's measurement under each scenario, on one grid per voxel size that covers E of all of them.
+
+    Scenarios that differ in the dexterity index alone share samples and kinematics.
+    """
+    designs = [spec.design({**overrides, **s.overrides}) for s in scenarios]
+    setups = [d.setup(spec.study.seed) for d in designs]
+    boxes = [s.human.bounds(s.operator) for s in setups]
+    families: dict[str, list[int]] = {}
+    for number, design in enumerate(designs):
+        families.setdefault(design.kinematics, []).append(number)
+    result: dict[int, Measurement] = {}
+    for numbers in families.values():
+        first = setups[numbers[0]]
+        grid = ergonomic_grid(boxes, first.r)
+        require_memory(grid.cells, first)
+        fields = [ergonomic_field(first, grid, k) for k in range(replicates)]
+        result.update(zip(numbers, measure([setups[n] for n in numbers], grid, fields), strict=True))
+    return [(scenario, result[number]) for number, scenario in enumerate(scenarios)]
 
 
 def misfit(spec: StudySpec, overrides: Mapping[str, Any]) -> float:

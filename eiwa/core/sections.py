@@ -56,9 +56,14 @@ class VoxelsSection(Parameters):
 class SamplingSection(Parameters):
     """How joint space is sampled."""
 
-    estimator: Literal["plain", "sobol"] = quantity("plain", description="Pseudo-random or Sobol points.")
-    samples: int = quantity(1 << 20, ge=2, le=1 << 31, description="N per replicate.")
+    estimator: Literal["plain", "sobol", "elites"] = quantity(
+        "plain", description="Pseudo-random points, Sobol points, or elite refinement (for aggregate = 'max')."
+    )
+    samples: int = quantity(1 << 20, ge=2, le=1 << 31, description="N per replicate; for elites the most.")
     replicates: int = quantity(4, ge=1, le=64, description="Independent streams for the error bar.")
+    tolerance: float = quantity(
+        0.01, gt=0, lt=1, description="Elites stop when what remains is under this share of max(F, 1e-3)."
+    )
     precision: Literal["f64", "f32"] = quantity("f64", description="Floating-point precision of the kernel.")
 
 

@@ -125,7 +125,11 @@ def _binary(operation: str, a: Column, b: Column) -> Symbol:
 
 
 def _lift(tape: Tape, value: Column) -> Symbol:
-    return value if isinstance(value, Symbol) else tape.node("constant", float(value))
+    if isinstance(value, Symbol):
+        return value
+    if not math.isfinite(value):
+        raise ValueError(f"a traced formula has the constant {value}: use a finite number")
+    return tape.node("constant", float(value))
 
 
 def _commuted(operation: str, a: Symbol, b: Column) -> Symbol:

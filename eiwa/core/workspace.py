@@ -78,23 +78,11 @@ def packed(targets: Sequence[Target], dtype: Any) -> tuple[NDArray[Any], NDArray
 
 
 @compiled
-def locate(
-    x: Any,
-    y: Any,
-    z: Any,
-    raw: Any,
-    n: Any,
-    scale: Any,
-    threshold: Any,
-    affine: Any,
-    layout: Any,
-    cells: Any,
-    values: Any,
-) -> Any:
-    """Cells and normalised values of the samples that fall into one target.
+def locate(x: Any, y: Any, z: Any, raw: Any, n: Any, affine: Any, layout: Any, cells: Any, picks: Any) -> Any:
+    """Which of n tips fall into one target, and into which of its cells.
 
-    ``raw`` is the index before normalisation, negative for samples without a solution, which are dropped. Values are
-    capped at 1; below the threshold they become -1. Returns how many entries of ``cells`` and ``values`` were written.
+    Samples without a solution (``raw`` < 0) are dropped. Returns how many entries of ``cells`` (with the target's
+    offset) and ``picks`` (sample numbers) were written.
     """
     nx, ny, nz = np.int32(layout[0]), np.int32(layout[1]), np.int32(layout[2])
     zero, one = np.int32(0), np.int32(1)
@@ -113,8 +101,15 @@ def locate(
     for s in range(n):
         cell = cells[s]
         if cell >= 0:
-            v = min(raw[s] * scale, 1.0)
             cells[count] = cell + offset
-            values[count] = v if v >= threshold else -1.0
+            picks[count] = s
             count += 1
     return count
+
+
+@compiled
+def normalise(raw: Any, picks: Any, count: Any, scale: Any, threshold: Any, values: Any) -> None:
+    """Normalised values of the picked samples, capped at 1; -1 below the threshold."""
+    for s in range(count):
+        v = min(raw[picks[s]] * scale, 1.0)
+        values[s] = v if v >= threshold else -1.0

@@ -4,7 +4,8 @@ Columns of a row (floats unless said): ``kind`` (design, trial, leader), ``name`
 trial), ``state`` (COMPLETE, FAIL), ``message``, ``feasible``, ``parameters.V``, ``values.PATH`` (what the overrides put
 there), ``objectives.I``, ``constraints.I`` (violation, <= 0 when met), ``metrics.NAME`` at the reference scenario and
 ``metrics.NAME@SCENARIO``, ``replicates``, ``overrides`` (JSON), ``spec_hash``, ``seed``, ``versions`` (JSON); and what may
-differ between equal results: ``started`` (UTC), ``seconds``, ``threads``, ``host``, ``pid``, ``cpu``.
+differ between equal results: ``started`` (UTC), ``seconds``, ``threads``, ``host``, ``pid``, ``cpu``,
+``reused`` and ``computed`` (sets of samples).
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from typing import Any, Literal
 
 import pyarrow as pa
 
+from eiwa.core import reuse
 from eiwa.core.compiled import cpu
 from eiwa.core.errors import EiwaError
 from eiwa.core.kernel import thread_count
@@ -31,7 +33,7 @@ from eiwa.core.version import __version__
 Kind = Literal["design", "trial", "leader"]
 Row = dict[str, Any]
 
-VOLATILE = ("started", "seconds", "threads", "host", "pid", "cpu")
+VOLATILE = ("started", "seconds", "threads", "host", "pid", "cpu", "reused", "computed")
 """Columns in which equal results may differ."""
 
 
@@ -73,6 +75,8 @@ def schema(spec: StudySpec) -> pa.Schema:
         ("host", pa.string()),
         ("pid", pa.int64()),
         ("cpu", pa.string()),
+        ("reused", pa.int64()),
+        ("computed", pa.int64()),
     ]
     return pa.schema(fields)
 
@@ -85,6 +89,7 @@ def metric_column(number: str, label: str = "") -> str:
 def row(spec: StudySpec, task: Task) -> Row:
     """Evaluate a task; a design that cannot be evaluated gives a FAIL row with its message."""
     started, clock = datetime.now(UTC), time.perf_counter()
+    hits, misses = reuse.samples.hits, reuse.samples.misses
     result: Row = {
         "kind": task.kind,
         "name": task.name,
@@ -99,8 +104,13 @@ def row(spec: StudySpec, task: Task) -> Row:
     # A plugin may raise anything; one design's failure must not end the study.
     except Exception as error:
         result |= {"state": "FAIL", "message": _message(error)}
-    seconds = time.perf_counter() - clock
-    return {**result, **provenance(spec), "started": started, "seconds": seconds}
+    volatile = {
+        "started": started,
+        "seconds": time.perf_counter() - clock,
+        "reused": reuse.samples.hits - hits,
+        "computed": reuse.samples.misses - misses,
+    }
+    return {**result, **provenance(spec), **volatile}
 
 
 def _numbers(spec: StudySpec, task: Task) -> Row:

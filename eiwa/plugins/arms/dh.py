@@ -86,10 +86,12 @@ def chain(parameters: DhParameters) -> SerialChain:
 
 
 def _explain_singular(parameters: DhParameters) -> str:
-    """Why a table is singular everywhere, with the rank of the other reading."""
+    """Why a table is singular everywhere, with the rank of the other reading; nothing when it is not."""
     this = parameters.convention
     other: Convention = "standard" if this == "modified" else "modified"
     rank, twin_rank = _rank(parameters), _rank(parameters.model_copy(update={"convention": other}))
+    if rank == min(6, len(parameters.joints)):
+        return ""
     reason = f"the Jacobian has rank {rank} at every posture, so the arm is singular everywhere."
     if twin_rank > rank:
         remedy = (

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from eiwa.core.evaluation import Measurement
+from eiwa.core.evaluation import Measurement, Replicate
 from eiwa.core.hookspecs import Number, Parameters, Plugin, hookimpl, quantity
 from eiwa.core.interfaces import Array, Metric
 
@@ -15,7 +15,10 @@ Volume = Literal["sum", "union"]
 
 
 class FParameters(Parameters):
-    """F = V_I / V_R: share of the ergonomic workspace that is dexterous, Eq. (4)."""
+    """F = V_I / V_R: share of the ergonomic workspace that is dexterous, Eq. (4).
+
+    Within [0, 1] for ``sum``; for ``union`` at most the largest E_left + E_right.
+    """
 
     volume: Volume = quantity(
         "sum", description="V_R: 'sum' of E_left + E_right, or 'union', the number of cells with E > 0."
@@ -31,12 +34,24 @@ class F(Metric):
     def __call__(self, measurement: Measurement) -> dict[str, float | None]:
         """F of replicate 0, the standard deviation over full-size replicates, F(N) - F(N/2)."""
         values = [self.ratio(r.E_sum, r.V_dual) for r in measurement.replicates]
-        first = measurement.first
+        drift, remaining, evaluations = self._convergence(measurement.first, values[0])
         return {
             "F": values[0],
             "F_se": float(np.std(values, ddof=1)) if len(values) > 1 else None,
-            "F_drift": values[0] - self.ratio(first.E_sum, first.V_dual_half),
+            "F_drift": drift,
+            "F_remaining": remaining,
+            "evaluations": evaluations,
         }
+
+    def _convergence(self, first: Replicate, value: float) -> tuple[float | None, float | None, float | None]:
+        """F(N) - F(N/2); for elites also what F may still gain, and the evaluations spent."""
+        if first.refinement is not None:
+            unit = 2 * first.alpha * self.ratio(first.E_sum, np.ones_like(first.E_sum))
+            refinement = first.refinement
+            drift = value - unit * refinement.at_half()
+            return drift, unit * refinement.remaining, float(refinement.history[-1][0])
+        half = first.V_dual_half
+        return (None if half is None else value - self.ratio(first.E_sum, half)), None, None
 
     def ratio(self, E_sum: Array, V_dual: Array) -> float:
         """V_I / V_R, 0 for an empty ergonomic workspace."""
@@ -93,8 +108,11 @@ class Singletons(Metric):
     parameters: SingletonsParameters
 
     def __call__(self, measurement: Measurement) -> dict[str, float | None]:
-        """The share, replicate 0; 1 where no sample fell into the grid."""
-        hits = np.concatenate([side.hits.ravel() for side in (measurement.first.V.right, measurement.first.V.left)])
+        """The share, replicate 0; 1 where no sample fell into the grid, None for elites, which do not sample evenly."""
+        sides = [side.hits for side in (measurement.first.V.right, measurement.first.V.left)]
+        if any(hits is None for hits in sides):
+            return {"singletons": None}
+        hits = np.concatenate([np.ravel(hits) for hits in sides if hits is not None])
         total = int(hits.sum())
         return {"singletons": float(np.count_nonzero(hits == 1) / total) if total else 1.0}
 
@@ -108,9 +126,11 @@ def eiwa_metrics() -> list[Plugin]:
             FParameters,
             F,
             (
-                Number("F", "", "share of the ergonomic workspace that is dexterous", 0.0, 1.0),
+                Number("F", "", "share of the ergonomic workspace that is dexterous", 0.0, 2.0),
                 Number("F_se", "", "standard deviation of F over full-size replicates", 0.0),
-                Number("F_drift", "", "F at N samples less F at N/2", -1.0, 1.0),
+                Number("F_drift", "", "F at N samples less F at N/2", -2.0, 2.0),
+                Number("F_remaining", "", "elites: how far F may still rise", 0.0),
+                Number("evaluations", "", "elites: samples spent before the tolerance was met", 0.0),
             ),
         ),
         Plugin(

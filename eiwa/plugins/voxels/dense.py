@@ -12,7 +12,8 @@ from eiwa.core.compiled import compiled
 from eiwa.core.hookspecs import Parameters, Plugin, hookimpl, quantity
 from eiwa.core.interfaces import Array, VoxelBackend
 
-FIXED_POINT = 2.0**40
+FIXED_POINT = 2.0**31
+"""Values are summed in units of 2^-31, so that 2^31 samples of value 1 in one cell do not overflow."""
 
 
 class DenseParameters(Parameters):
@@ -35,12 +36,12 @@ def deposit_max(store: Any, cells: Any, values: Any, count: Any) -> None:
 
 @compiled
 def deposit_mean(store: Any, cells: Any, values: Any, count: Any) -> None:
-    """Column 0: sum of values in units of 2^-40; column 1: hits; column 2: survivors. Integers: order is immaterial."""
+    """Column 0: sum of values in units of 2^-31; column 1: hits; column 2: survivors. Integers: order is immaterial."""
     for s in range(count):
         cell = cells[s]
         store[cell, 1] += 1
         if values[s] >= 0.0:
-            store[cell, 0] += np.int64(values[s] * 1099511627776.0 + 0.5)
+            store[cell, 0] += np.int64(values[s] * 2147483648.0 + 0.5)
             store[cell, 2] += 1
 
 

@@ -1,0 +1,160 @@
+"""An index prepared for an arm, and families of them that are evaluated together."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eiwa.core.errors import PluginError, SingularArm
+from eiwa.core.interfaces import NOTHING, Arm, Array, DexterityIndex, TracedArm, TracedIndex, where_valid
+from eiwa.core.kernel import Map
+from eiwa.core.optimum import maximum, pilot_points
+from eiwa.core.symbols import Column
+
+
+@dataclass(frozen=True, eq=False)
+class Dexterity:
+    """An index prepared for one arm: ``values / normaliser`` lies in [0, 1]."""
+
+    arm: Arm
+    index: DexterityIndex
+    prepared: NDArray[np.float64]
+    normaliser: float
+    threshold: float
+
+    def raw(self, u: Array) -> tuple[Array, Array]:
+        """Tips (n, 3) [m] and the index before normalisation (n,), -1 where there is no solution."""
+        tips, raw = Family((self,)).evaluate(u)
+        return tips, raw[:, 0]
+
+    @cached_property
+    def reach(self) -> float:
+        """Largest distance of the tip from the base origin [m]."""
+
+        def distance(u: Array) -> Array:
+            tips, raw = self.raw(u)
+            return np.where(raw >= 0, np.linalg.norm(tips, axis=1), -1.0)
+
+        return maximum(distance, pilot_points(self.arm.dof))
+
+
+def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold: float) -> Dexterity:
+    """Learn from the pilot what the index needs, and its maximum where no normaliser is given.
+
+    Raises
+    ------
+    SingularArm
+        The index is (numerically) zero at every posture of the pilot.
+    PluginError
+        The arm or the index answers with values that are not finite.
+    """
+    u = pilot_points(arm.dof)
+    needs_postures = type(index).prepare is not DexterityIndex.prepare
+    prepared = index.prepare(arm, arm.postures(u)) if needs_postures else NOTHING
+    unit = Dexterity(arm, index, prepared, 1.0, threshold)
+    tips, raw = unit.raw(u)
+    _refuse_nan(unit, tips, raw)
+    size = max(float(np.abs(tips).max()), 1e-3)
+    if raw.max() <= 1e-12 * size**3:
+        zero = f"dexterity: the index is at most {raw.max():.1g} at every posture of this arm. Check its parameters."
+        raise SingularArm(arm.when_singular() or zero)
+    if normaliser is None:
+        normaliser = maximum(lambda v: unit.raw(v)[1], u, raw)
+    return Dexterity(arm, index, prepared, normaliser, threshold)
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Indices prepared for one arm: one forward map and one Jacobian serve all of them."""
+
+    members: tuple[Dexterity, ...]
+
+    @property
+    def arm(self) -> Arm:
+        """The arm of all members."""
+        return self.members[0].arm
+
+    @cached_property
+    def traced(self) -> bool:
+        """Whether arm and indices can be compiled into one kernel."""
+        first = self.members[0].index
+        alike = all(
+            type(d.index) is type(first) and isinstance(d.index, TracedIndex) and d.index.structure == _structure(first)
+            for d in self.members
+        )
+        return alike and isinstance(self.arm, TracedArm)
+
+    @cached_property
+    def constants(self) -> NDArray[np.float64]:
+        """Numbers that the kernel reads: the arm's, then every member's; shape (k,)."""
+        assert isinstance(self.arm, TracedArm)
+        return np.concatenate([self.arm.constants, *(d.prepared for d in self.members)])
+
+    @cached_property
+    def identity(self) -> Hashable:
+        """Equal for families that give every sample the same tip and raw indices; None when that cannot be known."""
+        index = self.members[0].index
+        if not (self.traced and isinstance(self.arm, TracedArm) and isinstance(index, TracedIndex)):
+            return None
+        structures = (type(self.arm), self.arm.structure, type(index), index.structure)
+        return None if None in structures else (*structures, len(self.members), self.constants.tobytes())
+
+    def scales(self, dtype: Any) -> NDArray[Any]:
+        """1 / normaliser of every member, shape (m,)."""
+        return np.array([1 / d.normaliser for d in self.members], dtype)
+
+    def thresholds(self, dtype: Any) -> NDArray[Any]:
+        """Threshold of every member, shape (m,)."""
+        return np.array([d.threshold for d in self.members], dtype)
+
+    def evaluate(self, u: Array) -> tuple[Array, Array]:
+        """Tips (n, 3) [m] and raw indices (n, m) at points of the unit cube; -1 where there is no solution."""
+        if self.traced:
+            out = self.kernel()(u, self.constants)
+            return out[:, :3], out[:, 3:]
+        postures = self.arm.postures(u)
+        raws = np.stack([np.maximum(d.index.values(postures, d.prepared), 0.0) for d in self.members], axis=1)
+        valid = postures.valid[:, None]
+        tips, raws = np.where(valid, postures.tips, 0.0), np.where(valid, raws, -1.0)
+        _refuse_nan(self.members[0], tips, raws)
+        return tips, raws
+
+    def kernel(self, dtype: Any = np.float64, flow: str = "", components: Sequence[ModuleType] = ()) -> Map:
+        """The compiled formulas: u (n, dof) -> tip, raw indices; with ``flow``, more source around the same block."""
+        arm, index = self.arm, self.members[0].index
+        assert isinstance(arm, TracedArm) and isinstance(index, TracedIndex)
+        each = len(self.members[0].prepared)
+        structures = (type(arm), arm.structure, type(index), index.structure)
+        key = (*structures, arm.dof, len(arm.constants), each, len(self.members), np.dtype(dtype), flow)
+        if None not in structures and key in _kernels:
+            return _kernels[key]
+
+        def function(u: Sequence[Column], p: Sequence[Column]) -> list[Column]:
+            own = len(arm.constants)
+            columns = arm.columns(u, p[:own])
+            values = [
+                index.columns(columns, p[own + k * each : own + (k + 1) * each]) for k in range(len(self.members))
+            ]
+            return [*columns.tip, *(where_valid(columns.valid, value, -1.0) for value in values)]
+
+        _kernels[key] = Map(function, arm.dof, len(self.constants), dtype, flow, components)
+        return _kernels[key]
+
+
+_kernels: dict[Any, Map] = {}
+
+
+def _refuse_nan(dexterity: Dexterity, tips: Array, raw: Array) -> None:
+    for part, values in ((dexterity.arm, tips), (dexterity.index, raw)):
+        if not np.isfinite(values).all():
+            raise PluginError(f"{type(part).__name__} of {type(part).__module__}: values that are not finite")
+
+
+def _structure(index: DexterityIndex) -> Any:
+    return index.structure if isinstance(index, TracedIndex) else None
