@@ -62,7 +62,7 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     _refuse_nan(unit, tips, raw)
     size = max(float(np.abs(tips).max()), 1e-3)
     if raw.max() <= 1e-12 * size**3:
-        zero = f"dexterity: the index is at most {raw.max():.1g} at every posture of this arm. Check its parameters."
+        zero = f"dexterity: the index is zero at every posture (at most {raw.max():.1g}). Check its parameters."
         raise SingularArm(arm.when_singular() or zero)
     if normaliser is None:
         normaliser = maximum(lambda v: unit.raw(v)[1], u, raw)

@@ -126,18 +126,19 @@ class Volumes:
     def whole(self) -> list[Pair]:
         """Both arms' dexterous workspaces on a grid in W that holds all of them, of every member."""
         grid = _grid_of_both_arms(self.setup.layout, self.reach, self.setup.r)
-        return [_pair(grid, filled) for filled in self._fill(_targets(self.setup.layout, grid))]
+        return fill_pairs(self.setup, self.family, grid, 0, self._amount)
 
     @cached_property
     def mmdw(self) -> list[Filled]:
         """The dexterous workspace of one arm on a grid in its base frame, of every member."""
         corner = np.full(3, self.reach)
         target = Target(Grid.covering(np.array([-corner, corner]), self.setup.r), np.eye(4))
-        return [filled[0] for filled in self._fill([target])]
+        filled = fill(self.family, [target], self.setup.backend, joint_stream(self.setup, 0), self._amount)
+        return [one for (one,) in filled]
 
-    def _fill(self, targets: Sequence[Target]) -> list[list[Filled]]:
-        amount = replace(self.setup.sampling, samples=min(self.setup.sampling.samples, VOLUME_SAMPLES))
-        return fill(self.family, targets, self.setup.backend, joint_stream(self.setup, 0), amount)
+    @property
+    def _amount(self) -> Sampling:
+        return replace(self.setup.sampling, samples=min(self.setup.sampling.samples, VOLUME_SAMPLES))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,10 +194,10 @@ def measure(setups: Sequence[Setup], grid: Grid, fields: Sequence[ErgonomicField
 
 def _replicates(setup: Setup, family: Family, grid: Grid, E: ErgonomicField, number: int) -> list[Replicate]:
     """One replicate of every member."""
-    targets, stream = _targets(setup.layout, grid), joint_stream(setup, number)
     if setup.estimator != "elites":
-        filled = fill(family, targets, setup.backend, stream, setup.sampling)
-        return [Replicate(E, _pair(grid, sides), setup.layout.alpha) for sides in filled]
+        pairs = fill_pairs(setup, family, grid, number, setup.sampling)
+        return [Replicate(E, pair, setup.layout.alpha) for pair in pairs]
+    targets, stream = _targets(setup.layout, grid), joint_stream(setup, number)
     weights = E.left + E.right
     if len(targets) == 1:  # the mirror image falls on the mirrored cells
         weights = (weights + weights[::-1]) / 2
@@ -210,6 +211,13 @@ def metrics(measurement: Measurement) -> dict[str, float | None]:
     for metric in measurement.setup.metrics.values():
         numbers.update(metric(measurement))
     return numbers
+
+
+def fill_pairs(setup: Setup, family: Family, grid: Grid, replicate: int, amount: Sampling) -> list[Pair]:
+    """V of both arms on a symmetric grid in W from one replicate's samples, of every member of the family."""
+    targets = _targets(setup.layout, grid)
+    filled = fill(family, targets, setup.backend, joint_stream(setup, replicate), amount)
+    return [_pair(grid, sides) for sides in filled]
 
 
 def _targets(layout: Layout, grid: Grid) -> list[Target]:

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from eiwa.core.estimators import Sampling
+from eiwa.core.dexterity import Family
 from eiwa.core.evaluation import Layout, Setup, ergonomic_grid, field_stream, measure
+from eiwa.core.filling import Sampling, fill
 from eiwa.core.interfaces import DexterityIndex, ErgonomicField, HumanModel, Operator, TracedIndex
 from eiwa.core.sampling import Stream
 from eiwa.plugins.dexterity.yoshikawa import Yoshikawa
@@ -63,7 +64,7 @@ def setup(arm=None, index=PAPER_INDEX, layout=None, human=None, **changes):
         "backend": BACKENDS["max"],
         "r": 0.03125,
         "sampling": Sampling(1 << 16),
-        "sequence": "plain",
+        "estimator": "plain",
         "seed": 1,
         "metrics": {},
     }
@@ -80,7 +81,12 @@ def measured(design, replicates=1):
     """One design on its own human's grid."""
     grid = ergonomic_grid([design.human.bounds(design.operator)], design.r)
     fields = [design.human.field(grid, design.operator, field_stream(design.seed, k)) for k in range(replicates)]
-    return measure(design, grid, fields)
+    return measure([design], grid, fields)[0]
+
+
+def fill_one(dexterity, targets, backend, stream, amount):
+    """What ``fill`` leaves for a family of one."""
+    return fill(Family((dexterity,)), targets, backend, stream, amount)[0]
 
 
 def filled_by_numpy(dexterity, target, stream, samples, aggregate="max"):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eiwa.core.estimators import Filled, Sampling
 from eiwa.core.evaluation import Layout, Pair, Replicate, ergonomic_grid, field_stream, joint_stream, metrics
+from eiwa.core.filling import Filled, Sampling
 from eiwa.core.interfaces import ErgonomicField, Operator
 from eiwa.core.workspace import Grid
 from eiwa.plugins.metrics.interaction import F, FParameters
@@ -176,7 +176,7 @@ def test_all_designs_share_the_stream_of_replicate_0():
 
 
 def test_streams_of_joints_and_fields_differ():
-    assert joint_stream(setup(sequence="sobol"), 0) != field_stream(1, 0)
+    assert joint_stream(setup(estimator="sobol"), 0) != field_stream(1, 0)
 
 
 def test_another_seed_is_another_stream():
@@ -214,4 +214,4 @@ def test_one_arms_workspace_holds_every_sample():
 
 def test_metrics_joins_the_numbers_of_all_metrics():
     numbers = metrics(measured(by_hand(metrics={"F": SUM, "other": lambda measurement: {"x": None}})))
-    assert set(numbers) == {"F", "F_se", "F_drift", "x"}
+    assert set(numbers) == {"F", "F_se", "F_drift", "F_remaining", "evaluations", "x"}

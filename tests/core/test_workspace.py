@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eiwa.core.estimators import fill, prepare
-from eiwa.core.evaluation import Layout, fill_pair, joint_stream
+from eiwa.core.dexterity import Family, prepare
+from eiwa.core.evaluation import Layout, fill_pairs, joint_stream
 from eiwa.core.transforms import roll_pitch_yaw, translation
-from eiwa.core.workspace import Grid, Target, locate, packed
+from eiwa.core.workspace import Grid, Target, locate, normalise, packed
 from tests.core import rig
 
 SIZES = st.sampled_from([0.005, 0.01, 0.02, 0.03, 0.05, 0.1, 1 / 3])
@@ -83,10 +83,11 @@ ONE_TARGET = (Target(GRID, POSE),)
 def located(tips, raw, targets=ONE_TARGET, which=0, dtype=np.float64):
     affines, layout = packed(targets, dtype)
     n = len(tips)
-    cells, values = np.empty(n, np.int32), np.empty(n, dtype)
+    cells, picks, values = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, dtype)
     x, y, z = np.ascontiguousarray(tips.T, dtype)
-    limits = dtype(SCALE), dtype(THRESHOLD)
-    count = locate(x, y, z, raw.astype(dtype), n, *limits, affines[which], layout[which], cells, values)
+    raw = raw.astype(dtype)
+    count = locate(x, y, z, raw, n, affines[which], layout[which], cells, picks)
+    normalise(raw, picks, count, dtype(SCALE), dtype(THRESHOLD), values)
     return cells[:count], values[:count]
 
 
@@ -101,7 +102,7 @@ def test_locate_finds_numpys_cells():
     np.testing.assert_array_equal(located(TIPS, RAW)[0], np.ravel_multi_index(tuple(cells[mask].T), GRID.shape))
 
 
-def test_locate_normalises_caps_and_marks_what_is_below_the_threshold():
+def test_normalise_scales_caps_and_marks_what_is_below_the_threshold():
     _, mask = kept(TIPS, RAW)
     scaled = np.minimum(RAW[mask] * SCALE, 1.0)
     np.testing.assert_array_equal(located(TIPS, RAW)[1], np.where(scaled >= THRESHOLD, scaled, -1.0))
@@ -162,8 +163,8 @@ def index_shift():
     dexterity = prepare(setup.arm, setup.index, None, 0.0)
     base = Grid(r, (-15, -15, -15), (30, 30, 30))
     world = Grid(r, (-24, -8, -24), (48, 40, 48))
-    V = fill(dexterity, [Target(base, np.eye(4))], setup.backend, joint_stream(setup, 0), setup.sampling)[0]
-    return base, V, world, fill_pair(setup, dexterity, world, 0)
+    V = rig.fill_one(dexterity, [Target(base, np.eye(4))], setup.backend, joint_stream(setup, 0), setup.sampling)[0]
+    return base, V, world, fill_pairs(setup, Family((dexterity,)), world, 0, setup.sampling)[0]
 
 
 @pytest.mark.parametrize(("side", "sign"), [("right", 1), ("left", -1)])
@@ -190,7 +191,7 @@ def mirrored():
     setup = rig.setup(layout=layout)
     dexterity = prepare(setup.arm, setup.index, None, 0.0)
     grid = Grid(0.03125, (-20, -4, -16), (40, 32, 32))
-    return setup, dexterity, grid, fill_pair(setup, dexterity, grid, 0)
+    return setup, dexterity, grid, fill_pairs(setup, Family((dexterity,)), grid, 0, setup.sampling)[0]
 
 
 @pytest.mark.parametrize("quantity", ["values", "half", "hits"])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from eiwa.core.estimators import Sampling
 from eiwa.core.evaluation import Layout
+from eiwa.core.filling import Sampling
 from eiwa.plugins.metrics.interaction import (
     FVolume,
     FVolumeParameters,

@@ -90,7 +90,7 @@ def _explain_singular(parameters: DhParameters) -> str:
     this = parameters.convention
     other: Convention = "standard" if this == "modified" else "modified"
     rank, twin_rank = _rank(parameters), _rank(parameters.model_copy(update={"convention": other}))
-    if rank == min(6, len(parameters.joints)):
+    if rank == 6:
         return ""
     reason = f"the Jacobian has rank {rank} at every posture, so the arm is singular everywhere."
     if twin_rank > rank:
