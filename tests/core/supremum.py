@@ -14,52 +14,56 @@ class PaperArm:
 
     def __init__(self, L1, L2, half, K):
         self.L1, self.L2, self.half = L1, L2, half
-        self.K = K * 4.0**-6
-        q5 = np.linspace(0, half, 4001)
+        q5 = np.linspace(0, half, 2001)
         u5 = 0.5 + q5 / (2 * half)
-        self.m = np.linspace(0, 1, 2001)
-        self.g = np.max(np.abs(np.sin(q5)) * -np.expm1(-self.K * self.m[:, None] * 4 * u5 * (1 - u5)), axis=1)
+        self.m = np.linspace(0, 1, 1001)
+        penalty = -np.expm1(-K * 4.0**-6 * self.m[:, None] * 4 * u5 * (1 - u5))
+        self.g = np.max(np.abs(np.sin(q5)) * penalty, axis=1)
 
     def best(self, p):
         """Largest w (1 - exp(...)) over the postures that reach each point p (n, 3); 0 where none does."""
         x, y, z = p.T
         cos3 = (x**2 + y**2 + z**2 - self.L1**2 - self.L2**2) / (2 * self.L1 * self.L2)
-        reachable = np.abs(cos3) <= 1
-        cos3 = np.clip(cos3, -1, 1)
-        A = self.L1 + self.L2 * cos3
+        A = self.L1 + self.L2 * np.clip(cos3, -1, 1)
         with np.errstate(divide="ignore", invalid="ignore"):
             sin2 = np.where(A != 0, z / A, 2.0)
-        reachable &= np.abs(sin2) <= 1
-        sin2 = np.clip(sin2, -1, 1)
-        best = np.zeros(len(p))
-        for sign in (1, -1):
-            q3 = sign * np.arccos(cos3)
-            for q2 in (np.arcsin(sin2), np.pi - np.arcsin(sin2)):
-                q2 = (q2 + np.pi) % (2 * np.pi) - np.pi
-                q1 = np.arctan2(y, x) - np.arctan2(self.L2 * np.sin(q3), A * np.cos(q2))
-                q1 = (q1 + np.pi) % (2 * np.pi) - np.pi
-                u = 0.5 + np.stack([q1, q2, q3]) / (2 * self.half)
-                inside = reachable & np.all((u >= 0) & (u <= 1), axis=0)
-                m = np.prod(4 * u * (1 - u), axis=0)
-                h = np.abs(self.L1 * self.L2 * np.cos(q2) * np.sin(q3) * A)
-                value = h * np.interp(m, self.m, self.g)
-                best = np.where(inside, np.maximum(best, value), best)
-        return best
+        reachable = (np.abs(cos3) <= 1) & (np.abs(sin2) <= 1)
+        q3, q2 = np.arccos(np.clip(cos3, -1, 1)), np.arcsin(np.clip(sin2, -1, 1))
+        return np.max([self._value(x, y, A, a, b, reachable) for a in (q2, np.pi - q2) for b in (q3, -q3)], axis=0)
+
+    def _value(self, x, y, A, q2, q3, reachable):
+        q1 = np.arctan2(y, x) - np.arctan2(self.L2 * np.sin(q3), A * np.cos(q2))
+        q = (np.stack([q1, q2, q3]) + np.pi) % (2 * np.pi) - np.pi
+        u = 0.5 + q / (2 * self.half)
+        inside = reachable & np.all((u >= 0) & (u <= 1), axis=0)
+        h = np.abs(self.L1 * self.L2 * np.cos(q2) * np.sin(q3) * A)
+        return np.where(inside, h * np.interp(np.prod(4 * u * (1 - u), axis=0), self.m, self.g), 0.0)
 
     def maximum(self):
         """Largest value anywhere (q1 at mid-range), on a fine grid of q2 and q3."""
         q = np.linspace(-self.half, self.half, 2401)
-        u = 0.5 + q / (2 * self.half)
-        b = 4 * u * (1 - u)
+        b = 1 - (q / self.half) ** 2
         h = np.abs(np.cos(q)[:, None] * self.L1 * self.L2 * np.sin(q) * (self.L1 + self.L2 * np.cos(q)))
         return float((h * np.interp(b[:, None] * b, self.m, self.g)).max())
 
-    def cells(self, T_base_grid, lows, r, points=9):
+    def cells(self, T_base_grid, lows, r, points=5):
         """Suprema over cubes with lower corners ``lows`` (n, 3) in a grid frame, from points^3 points each."""
         ticks = np.linspace(0, r, points)
         offsets = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
-        best = np.zeros(len(lows))
-        for offset in offsets:
-            p = (lows + offset) @ T_base_grid[:3, :3].T + T_base_grid[:3, 3]
-            best = np.maximum(best, self.best(p))
-        return best
+        R, t = T_base_grid[:3, :3].T, T_base_grid[:3, 3]
+        return np.max([self.best((lows + offset) @ R + t) for offset in offsets], axis=0)
+
+
+def planar_cells(L1, L2, lows, r):
+    """Suprema of w = L1 L2 |sin q2| over squares with lower corners ``lows`` (n, 2) [m], no joint limits.
+
+    w depends on the distance from the base alone and is largest at sqrt(L1^2 + L2^2), where q2 is a right angle.
+    """
+    highs = lows + r
+    nearest = np.where((lows <= 0) & (highs >= 0), 0.0, np.minimum(np.abs(lows), np.abs(highs)))
+    farthest = np.maximum(np.abs(lows), np.abs(highs))
+    near, far = np.linalg.norm(nearest, axis=1), np.linalg.norm(farthest, axis=1)
+    distance = np.clip(np.hypot(L1, L2), np.maximum(near, abs(L1 - L2)), np.minimum(far, L1 + L2))
+    cos2 = (distance**2 - L1**2 - L2**2) / (2 * L1 * L2)
+    reached = (far >= abs(L1 - L2)) & (near <= L1 + L2)
+    return np.where(reached, L1 * L2 * np.sqrt(np.clip(1 - cos2**2, 0, None)), 0.0)
