@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from eiwa.cli import evaluate, plugins, study
+from eiwa.cli import converge, evaluate, plugins, study
 
 app = typer.Typer(
     name="eiwa",
@@ -21,6 +21,8 @@ app = typer.Typer(
 app.add_typer(study.app, name="study")
 app.add_typer(plugins.app, name="plugins")
 app.command("evaluate")(evaluate.evaluate)
+app.command("converge")(converge.converge)
+app.command("verify")(converge.verify)
 
 
 @app.callback(invoke_without_command=True)

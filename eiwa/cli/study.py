@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -58,6 +59,41 @@ def show(study: StudyFile, runs: Runs = "runs", set_: Settings = None, as_json: 
     if not store.exists():
         raise StoreError(f"{store.folder}: has no results yet. Run: eiwa study run {shlex.quote(study)}")
     _report(spec, store, study, as_json)
+
+
+@app.command("compare")
+def compare(
+    study: StudyFile,
+    a: Annotated[str, typer.Argument(metavar="A", help="A named design, or 'trial N'.")],
+    b: Annotated[str, typer.Argument(metavar="B", help="The design to compare it with.")],
+    replicates: Annotated[int, typer.Option("--replicates", min=2, help="Shared random streams.")] = 8,
+    runs: Runs = "runs",
+    set_: Settings = None,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether two designs' F differ by more than the error of their difference."""
+    from eiwa.cli import tables
+    from eiwa.core.spec import load
+    from eiwa.study.compare import compare as compared
+    from eiwa.study.compare import overrides_of
+    from eiwa.study.store import Store
+
+    listen_to_log()
+    spec = load(Path(study), settings(set_))
+    rows = Store(Path(runs) / spec.study.name).rows()
+    first, second = (overrides_of(spec, name, rows) for name in (a, b))
+    outcomes, difference = compared(spec, first, second, replicates)
+    if as_json:
+        values = {name: o.scenarios[""] for name, o in zip((a, b), outcomes, strict=True)}
+        print_json({"designs": values, **asdict(difference), "real": difference.real, "replicates": replicates})
+        return
+    console = out()
+    for name, outcome in zip((a, b), outcomes, strict=True):
+        numbers = outcome.scenarios[""]
+        console.print(f"{name}: F = {tables.with_error(numbers['F'], numbers['F_se'])}", markup=False)
+    verdict = "a real difference" if difference.real else "no difference that can be told from its error"
+    sign = f"{difference.mean:+.4f} ± {difference.half_width:.4f}"
+    console.print(f"F({a}) - F({b}) = {sign} (95 %, {replicates} paired replicates): {verdict}.", markup=False)
 
 
 @app.command("check")
@@ -117,6 +153,8 @@ def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
     trials = [r for r in rows if r["kind"] == "trial"]
     failed = [r for r in trials if r["state"] == "FAIL"]
     lines = []
+    if any("replicated.F" in r and r["replicated.F"] for r in rows if r["kind"] == "leader"):
+        lines.append("~ F cannot be told from the best trial's (95 %, paired replicates).")
     if failed:
         lines.append(f"{len(failed)} of {len(trials)} trials failed; the last said: {failed[-1]['message']}")
     if trials and not any(r["feasible"] for r in trials):

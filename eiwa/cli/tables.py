@@ -13,14 +13,17 @@ from eiwa.core.spec import REFERENCE, StudySpec
 from eiwa.core.tree import lookup
 
 if TYPE_CHECKING:
+    from eiwa.study.converge import Point
     from eiwa.study.estimate import Cost
     from eiwa.study.rows import Row
+    from eiwa.study.verify import Check
 
 MAX_VALUES = 4
 
 
 def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     """Named designs and leaders: what varies, the objective with its error, what was published."""
+    from eiwa.study.compare import tied
     from eiwa.study.run import leaders
 
     variables = len(spec.searched) > MAX_VALUES
@@ -42,14 +45,16 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
     shown = [(r["name"], r) for r in designs(spec, rows)]
     shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
+    winner = shown[-len(best)][1] if best else None
     for position, (name, row) in enumerate(shown):
+        tie = " ~" if winner is not None and row is not winner and tied(winner, row) else ""
         values = [_value(spec, row, column, variables) for column in columns[:MAX_VALUES]]
         numbers = [number(row, metric) for metric in metrics]
         values_of = [_plain(row.get(f"objectives.{i}")) for i, _ in objectives]
         design = spec.designs.get(name)
         known = [_plain(design.published.get(m)) if design else "" for m in published]
         first_leader = bool(best) and position == len(shown) - len(best)
-        table.add_row(Text(name), *values, *numbers, *values_of, *known, style="bold" if first_leader else None)
+        table.add_row(Text(name + tie), *values, *numbers, *values_of, *known, style="bold" if first_leader else None)
         if position == len(shown) - len(best) - 1 and best:
             table.add_section()
     return table
@@ -190,7 +195,7 @@ def _table(title: str) -> Table:
     from rich import box
 
     return Table(
-        title=title,
+        title=title.replace("[", "\\["),
         title_justify="left",
         title_style="bold",
         box=box.SIMPLE_HEAD,
@@ -217,4 +222,53 @@ def cost(spec: StudySpec, cost: Cost) -> Table:
     ]
     for what, much in rows:
         table.add_row(what, much)
+    return table
+
+
+def convergence(points: Sequence[Point], title: str) -> Table:
+    """F: a row per number of samples, a column per voxel size; below, what elites reach."""
+    sizes = list(dict.fromkeys(p.size for p in points))
+    table = _by_size(title, sizes)
+    for samples, row in _sampled(points):
+        table.add_row(f"{samples:,}", *(with_error(p.F, p.se) for p in row))
+    refined = [p for p in points if p.estimator == "elites"]
+    if refined:
+        table.add_section()
+        table.add_row("elites", *(with_error(p.F, p.se) for p in refined), style="bold")
+        table.add_row("may still rise", *(f"{p.remaining or 0:.4f}" for p in refined))
+        table.add_row("evaluations", *(f"{p.samples:,}" for p in refined))
+    return table
+
+
+def convergence_of_volume(points: Sequence[Point], title: str) -> Table:
+    """The dexterous volume of one arm [m3], laid out alike."""
+    table = _by_size(title, list(dict.fromkeys(p.size for p in points)))
+    for samples, row in _sampled(points):
+        table.add_row(f"{samples:,}", *(with_error(p.dexterous_volume, None) for p in row))
+    return table
+
+
+def _by_size(title: str, sizes: Sequence[float]) -> Table:
+    table = _table(title)
+    table.add_column("samples", justify="right", no_wrap=True)
+    for size in sizes:
+        table.add_column(f"r = {1e3 * size:g} mm", justify="right", no_wrap=True)
+    return table
+
+
+def _sampled(points: Sequence[Point]) -> list[tuple[int, list[Point]]]:
+    plain = [p for p in points if p.estimator != "elites"]
+    return [(n, [p for p in plain if p.samples == n]) for n in dict.fromkeys(p.samples for p in plain)]
+
+
+def verification(checks: Sequence[Check]) -> Table:
+    """Exact values beside ours."""
+    table = _table("eiwa on this machine")
+    table.add_column("check")
+    for column in ("exact", "found", "error", "allowed"):
+        table.add_column(column, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for c in checks:
+        verdict = Text("passed", style="green") if c.passed else Text("FAILED", style="bold red")
+        table.add_row(Text(c.name), f"{c.exact:.8g}", f"{c.found:.8g}", f"{c.error:.1e}", f"{c.allowed:.0e}", verdict)
     return table

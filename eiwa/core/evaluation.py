@@ -30,7 +30,7 @@ from eiwa.core.workspace import Grid, Target
 JOINT_STREAM, FIELD_STREAM = 0, 1
 """Last word of a stream's seed path: joint samples, and the human model's samples."""
 VOLUME_SAMPLES = 1 << 20
-"""Whole workspaces are counted from at most so many samples."""
+"""Whole workspaces are counted, not refined: with elites from at most so many plain samples."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,10 @@ class Volumes:
 
     @property
     def _amount(self) -> Sampling:
-        return replace(self.setup.sampling, samples=min(self.setup.sampling.samples, VOLUME_SAMPLES))
+        amount = self.setup.sampling
+        if self.setup.estimator != "elites":
+            return amount
+        return replace(amount, samples=min(amount.samples, VOLUME_SAMPLES))
 
 
 @dataclass(frozen=True, eq=False)

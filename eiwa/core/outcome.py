@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from eiwa.core.errors import SpecError, finding
@@ -30,6 +30,8 @@ class Outcome:
     objectives: Sequence[float | None]
     violations: Sequence[float]
     replicates: int
+    replicated: Mapping[str, Sequence[float]]
+    """Number -> its value in every replicate, at the reference: what paired comparisons need."""
 
     @property
     def feasible(self) -> bool:
@@ -47,7 +49,8 @@ def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1,
     SpecError
         The overrides do not make a valid design, or an objective has no value there.
     """
-    scenarios = {s.label: metrics(m) for s, m in measurements(spec, overrides, spec.scenarios, replicates)}
+    measured = {s.label: m for s, m in measurements(spec, overrides, spec.scenarios, replicates)}
+    scenarios = {label: metrics(m) for label, m in measured.items()}
     reference = scenarios[REFERENCE.label]
     violations = []
     for constraint in spec.constraints:
@@ -56,7 +59,15 @@ def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1,
         None if named and objective.over == "designs" else _objective(spec, objective, scenarios, overrides)
         for objective in spec.objectives
     ]
-    return Outcome(scenarios, objectives, violations, replicates)
+    replicated = {"F": replicate_values(measured[REFERENCE.label])} if replicates > 1 else {}
+    return Outcome(scenarios, objectives, violations, replicates, replicated)
+
+
+def replicate_values(measurement: Measurement) -> list[float]:
+    """F of every replicate."""
+    metric = measurement.setup.metrics["F"]
+    alone = [metric(replace(measurement, replicates=[replicate]))["F"] for replicate in measurement.replicates]
+    return [value for value in alone if value is not None]
 
 
 def measurements(

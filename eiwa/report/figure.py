@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from eiwa.core.interfaces import Array
 from eiwa.core.outcome import measurements
 from eiwa.core.spec import StudySpec
 from eiwa.core.workspace import Grid
+from eiwa.study.converge import Point
 
 # Okabe and Ito's colour-blind safe palette; one meaning a colour in every figure of eiwa.
 RIGHT, LEFT, INTERACTION = "#0072B2", "#D55E00", "#CC79A7"
@@ -38,14 +39,8 @@ def draw(spec: StudySpec, overrides: Mapping[str, Any], path: Path, title: str =
     EiwaError
         Matplotlib is missing, the ending is unknown, or the file cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise EiwaError("figures need matplotlib: pip install 'eiwa[figures]'") from None
     ((_, measurement),) = measurements(spec, overrides)
-    figure = Figure(figsize=(7.2, 3.6), dpi=200, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = _figure((7.2, 3.6))
     panels = figure.subplots(1, 2)
     images = [_panel(panel, measurement, *view) for panel, view in zip(panels, VIEWS, strict=True)]
     colours = figure.colorbar(images[0], ax=panels, shrink=0.8, pad=0.02)
@@ -54,6 +49,48 @@ def draw(spec: StudySpec, overrides: Mapping[str, Any], path: Path, title: str =
     figure.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=7, frameon=False)
     F = metrics(measurement)["F"]
     figure.suptitle(f"{title}: F = {F:.3f}" if title else f"F = {F:.3f}", fontsize=10)
+    _save(figure, path)
+
+
+def draw_convergence(points: Sequence[Point], path: Path, title: str) -> None:
+    """F against the number of samples, a line per voxel size, with the refined F of elites as a dashed line.
+
+    Raises
+    ------
+    EiwaError
+        As :func:`draw`.
+    """
+    figure = _figure((4.8, 3.4))
+    axes = figure.subplots()
+    for size, colour in zip(dict.fromkeys(p.size for p in points), (RIGHT, LEFT, INTERACTION), strict=False):
+        sampled = [p for p in points if p.size == size and p.estimator != "elites"]
+        axes.errorbar(
+            [p.samples for p in sampled], [p.F for p in sampled], yerr=[p.se or 0.0 for p in sampled],
+            color=colour, marker="o", markersize=3, capsize=2, label=f"{sampled[0].estimator}, r = {1e3 * size:g} mm",
+        )  # fmt: skip
+        for refined in (p for p in points if p.size == size and p.estimator == "elites"):
+            axes.axhline(refined.F, color=colour, linestyle="dashed", linewidth=1)
+            axes.axhspan(refined.F, refined.F + (refined.remaining or 0.0), color=colour, alpha=0.2)
+    axes.set_xscale("log")
+    axes.set_xlabel("samples N")
+    axes.set_ylabel("F")
+    axes.set_title(f"{title} (dashed: elites, band: may still rise)".strip(), fontsize=8)
+    axes.legend(fontsize=7, frameon=False)
+    _save(figure, path)
+
+
+def _figure(size: tuple[float, float]) -> Any:
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise EiwaError("figures need matplotlib: pip install 'eiwa[figures]'") from None
+    figure = Figure(figsize=size, dpi=200, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _save(figure: Any, path: Path) -> None:
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:

@@ -3,7 +3,8 @@
 Columns of a row (floats unless said): ``kind`` (design, trial, leader), ``name`` (of a named design), ``number`` (of a
 trial), ``state`` (COMPLETE, FAIL), ``message``, ``feasible``, ``parameters.V``, ``values.PATH`` (what the overrides put
 there), ``objectives.I``, ``constraints.I`` (violation, <= 0 when met), ``metrics.NAME`` at the reference scenario and
-``metrics.NAME@SCENARIO``, ``replicates``, ``overrides`` (JSON), ``spec_hash``, ``seed``, ``versions`` (JSON); and what may
+``metrics.NAME@SCENARIO``, ``replicates``,
+``replicated.F`` (F of every replicate), ``overrides`` (JSON), ``spec_hash``, ``seed``, ``versions`` (JSON); and what may
 differ between equal results: ``started`` (UTC), ``seconds``, ``threads``, ``host``, ``pid``, ``cpu``,
 ``reused`` and ``computed`` (sets of samples).
 """
@@ -66,6 +67,7 @@ def schema(spec: StudySpec) -> pa.Schema:
         *((f"values.{p}", _type_at(resolved, p)) for p in paths),
         *((c, pa.float64()) for c in reals),
         ("replicates", pa.int64()),
+        ("replicated.F", pa.list_(pa.float64())),
         *((c, pa.string()) for c in ("overrides", "spec_hash")),
         ("seed", pa.int64()),
         ("versions", pa.string()),
@@ -125,7 +127,8 @@ def _numbers(spec: StudySpec, task: Task) -> Row:
         ("constraints", outcome.violations),
     )
     indexed = {f"{kind}.{i}": value for kind, items in values for i, value in enumerate(items)}
-    return {"state": "COMPLETE", "feasible": outcome.feasible, **numbers, **indexed}
+    replicated = {f"replicated.{name}": list(values) for name, values in outcome.replicated.items()}
+    return {"state": "COMPLETE", "feasible": outcome.feasible, **numbers, **indexed, **replicated}
 
 
 def provenance(spec: StudySpec) -> Row:
