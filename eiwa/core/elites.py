@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eiwa.core import sampling, workspace
-from eiwa.core.compiled import compiled, float64_from_bits
+from eiwa.core.compiled import compiled, float64_from_bits, select
 from eiwa.core.dexterity import Family
 from eiwa.core.filling import Filled, Sampling
 from eiwa.core.interfaces import Array
@@ -216,22 +216,28 @@ def propose(u: Any, first: Any, key: Any, occupied: Any, parents: Any) -> None:
     up to a random power of two of their ranges, reflected at the ends.
     """
     dof, n = u.shape
-    gamma = np.uint64(0x9E3779B97F4A7C15)
-    words = np.uint64(dof + 1)
+    gamma, words = np.uint64(0x9E3779B97F4A7C15), np.uint64(dof + 1)
+    count = occupied.shape[0]
+    chosen = np.empty(n, np.uint64)
+    parent = np.zeros(n, np.int64)
+    turn = first % max(count, 1)
     for i in range(n):
-        state = key + gamma * (np.uint64(first + i) * words)
-        word = mixed(state)
-        amplitude = float64_from_bits((np.uint64(1023 - 4) - (word & np.uint64(7))) << np.uint64(52))
-        for j in range(dof):
-            bits = mixed(state + gamma * np.uint64(j + 1))
+        chosen[i] = mixed(key + gamma * (np.uint64(first + i) * words))
+        if count > 0:
+            parent[i] = occupied[turn]
+            turn = turn + 1 if turn + 1 < count else 0
+    for j in range(dof):
+        for i in range(n):
+            bits = mixed(key + gamma * (np.uint64(first + i) * words + np.uint64(j + 1)))
             unit = float64_from_bits((bits >> np.uint64(12)) | np.uint64(0x3FF0000000000000)) - (1.0 - 2.0**-53)
-            if occupied.shape[0] == 0:
+            if count == 0:
                 u[j, i] = unit
             else:
-                parent = parents[occupied[(first + i) % occupied.shape[0]], j]
-                moved = (word >> np.uint64(8 + j % 32)) & np.uint64(1)
-                v = abs(parent + amplitude * (2.0 * unit - 1.0)) if moved else parent
-                u[j, i] = 2.0 - v if v > 1.0 else v
+                word = chosen[i]
+                amplitude = float64_from_bits((np.uint64(1023 - 4) - (word & np.uint64(7))) << np.uint64(52))
+                moved = (word >> np.uint64(8 + j % 32)) & np.uint64(1) > np.uint64(0)
+                v = abs(parents[parent[i], j] + select(moved, amplitude * (2.0 * unit - 1.0), 0.0))
+                u[j, i] = select(v > 1.0, 2.0 - v, v)
 
 
 @compiled
