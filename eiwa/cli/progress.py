@@ -30,7 +30,6 @@ class StudyProgress:
         )
 
     def __enter__(self) -> StudyProgress:
-        self._progress.start()
         return self
 
     def __exit__(
@@ -40,6 +39,7 @@ class StudyProgress:
 
     def begin(self, stage: str, total: int, done: int) -> None:
         """A stage with ``done`` of ``total`` evaluations behind it."""
+        self._progress.start()
         self._tasks[stage] = self._progress.add_task(stage, total=total, completed=done, best="")
 
     def __call__(self, stage: str, row: Row) -> None:
