@@ -60,6 +60,12 @@ def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
     published = [n for n, d in spec.designs.items() if d.published]
     if any(o.aggregate == "misfit" for o in spec.objectives) and not published:
         yield finding("objectives", "misfit needs a named design with published values.")
+    if any(o.aggregate == "misfit" for o in spec.objectives):
+        for name, d in spec.designs.items():
+            for metric, value in d.published.items():
+                if value < 0:
+                    problem = "misfit takes logarithms: the value must not be negative."
+                    yield finding(f"designs.{name}.published.{metric}", problem, value=value)
 
 
 def _variants(spec: StudySpec) -> Iterable[str]:
@@ -93,4 +99,5 @@ def _budget(spec: StudySpec, base: Design) -> Iterable[str]:
     if spec.study.sampler == "grid":
         for name, r in spec.ranges.items():
             if r.step is None:
-                yield finding(f"variables.{name}", "sampler = 'grid' needs a step.", remedy="Add step = ... to it.")
+                where = f"variables.{name}" if name in spec.tree.get("variables", {}) else f'search."{name}"'
+                yield finding(where, "sampler = 'grid' needs a step.", remedy="Add step = ... to it.")

@@ -22,7 +22,7 @@ from eiwa.core.sections import (
     SamplingSection,
     VoxelsSection,
 )
-from eiwa.core.tree import Tree
+from eiwa.core.tree import Tree, did_you_mean
 
 SECTIONS = ("arm", "layout", "operator", "human", "dexterity", "voxels", "sampling", "metrics")
 ALWAYS = ("F", "singletons")
@@ -163,8 +163,9 @@ def _section(
         raise SpecError(finding(f"{section}.kind", f"is required. Known: {names}."))
     plugin = registry.find(section, table["kind"], f"{section}.kind")
     mine = {k: v for k, v in table.items() if own is not None and k in own.model_fields}
-    theirs = {k: v for k, v in table.items() if k not in mine and k != "kind"}
-    problems: list[str] = []
+    known = {"kind", *mine, *(own.model_fields if own else ()), *plugin.parameters.model_fields}
+    problems = [finding(f"{section}.{k}", f"unknown key{did_you_mean(k, known)}") for k in table if k not in known]
+    theirs = {k: v for k, v in table.items() if k in plugin.parameters.model_fields and k not in mine}
     for model, part in ((own, mine), (plugin.parameters, theirs)):
         if model is None:
             continue

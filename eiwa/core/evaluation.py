@@ -23,6 +23,7 @@ from eiwa.core.interfaces import (
     Operator,
     VoxelBackend,
 )
+from eiwa.core.memory import require_memory
 from eiwa.core.sampling import Stream
 from eiwa.core.transforms import Transform, roll_pitch_yaw, translation
 from eiwa.core.workspace import Grid, Target
@@ -126,6 +127,7 @@ class Volumes:
     def whole(self) -> list[Pair]:
         """Both arms' dexterous workspaces on a grid in W that holds all of them, of every member."""
         grid = _grid_of_both_arms(self.setup.layout, self.reach, self.setup.r)
+        require_memory(grid.cells * len(self.family.members), self.setup.backend, self.setup.r)
         return fill_pairs(self.setup, self.family, grid, 0, self._amount)
 
     @cached_property
@@ -133,6 +135,7 @@ class Volumes:
         """The dexterous workspace of one arm on a grid in its base frame, of every member."""
         corner = np.full(3, self.reach)
         target = Target(Grid.covering(np.array([-corner, corner]), self.setup.r), np.eye(4))
+        require_memory(target.grid.cells * len(self.family.members), self.setup.backend, self.setup.r)
         filled = fill(self.family, [target], self.setup.backend, joint_stream(self.setup, 0), self._amount)
         return [one for (one,) in filled]
 

@@ -59,14 +59,17 @@ class Expression:
             result = self._value(self._root, values)
         except (ArithmeticError, RecursionError) as error:
             raise SpecError(finding(self.path, f"{error} with {dict(values)}.", value=self.text)) from None
-        if isinstance(result, complex) or not math.isfinite(result):
+        if not math.isfinite(result):
             raise SpecError(finding(self.path, f"is not a finite number with {dict(values)}.", value=self.text))
         return result
 
     def _value(self, node: ast.expr, values: Mapping[str, float]) -> float:
         if isinstance(node, ast.BinOp):
             left, right = self._value(node.left, values), self._value(node.right, values)
-            return _BINARY[type(node.op)](float(left), float(right))
+            value = _BINARY[type(node.op)](float(left), float(right))
+            if isinstance(value, complex):
+                raise ArithmeticError(f"{left:g} ** {right:g} is not a real number")
+            return value
         if isinstance(node, ast.UnaryOp):
             return _UNARY[type(node.op)](self._value(node.operand, values))
         if isinstance(node, ast.Name):

@@ -22,6 +22,8 @@ def validated(model: type[M], table: Any, path: str) -> M:
     SpecError
         With one finding per path that is wrong.
     """
+    if not isinstance(table, dict):
+        raise SpecError(finding(path, f"must be a table: write [{path.split('.')[0]}].", value=table))
     try:
         return model.model_validate(table)
     except ValidationError as error:
@@ -67,6 +69,9 @@ def _line(where: str, items: list[Any], model: type[BaseModel]) -> str:
 def _problem(item: Any) -> str:
     if item["type"] == "value_error":
         return str(item["ctx"]["error"])
+    if item["type"] in ("too_short", "too_long"):
+        bound = item["ctx"].get("min_length", item["ctx"].get("max_length"))
+        return f"must have {'at least' if item['type'] == 'too_short' else 'at most'} {bound} items"
     text: str = item["msg"]
     for old, new in (
         ("Input should be", "must be"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.evaluation import Measurement, Setup, ergonomic_grid, field_stream, measure, metrics
 from eiwa.core.interfaces import ErgonomicField
-from eiwa.core.kernel import thread_count
+from eiwa.core.memory import require_memory
 from eiwa.core.sections import ObjectiveSection
 from eiwa.core.spec import REFERENCE, Scenario, StudySpec
 from eiwa.core.workspace import Grid
@@ -90,7 +89,7 @@ def measurements(
     for numbers in families.values():
         first = setups[numbers[0]]
         grid = ergonomic_grid(boxes, first.r)
-        require_memory(grid.cells, first)
+        require_memory(grid.cells, first.backend, first.r)
         fields = [ergonomic_field(first, grid, k) for k in range(replicates)]
         result.update(zip(numbers, measure([setups[n] for n in numbers], grid, fields), strict=True))
     return [(scenario, result[number]) for number, scenario in enumerate(scenarios)]
@@ -146,26 +145,3 @@ def ergonomic_field(setup: Setup, grid: Grid, replicate: int) -> ErgonomicField:
             del _fields[next(iter(_fields))]
         _fields[key] = setup.human.field(grid, setup.operator, stream)
     return _fields[key]
-
-
-def memory(cells: int, setup: Setup) -> int:
-    """Bytes that filling so many cells takes: both arms' stores of every thread, read-outs, and E."""
-    stores = 2 * setup.backend.bytes_per_cell * (thread_count() + 1)
-    return cells * (stores + 6 * 8 + 2 * 8)
-
-
-def require_memory(cells: int, setup: Setup) -> None:
-    """Refuse a grid that this machine cannot hold, before anything is allocated.
-
-    Raises
-    ------
-    SpecError
-        Naming the memory, and the voxel size that would fit.
-    """
-    needed, present = memory(cells, setup), os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    allowed = 0.7 * present
-    if needed > allowed or 2 * cells > 2**31 - 1:
-        scale = max(needed / allowed, 2 * cells / (2**31 - 1)) ** (1 / 3)
-        problem = f"{cells:.3g} cells need {needed / 2**30:.3g} GiB, this machine has {present / 2**30:.3g} GiB."
-        remedy = f"Use at least {setup.r * scale * 1.05:.2g} m."
-        raise SpecError(finding("voxels.size", problem, value=setup.r, remedy=remedy))

@@ -112,16 +112,20 @@ class Registry:
             manager.check_pending()
         except pluggy.PluginValidationError as error:
             raise PluginError(f"plugin {provider}: {error}") from error
-        found = [
+        found = (
             Entry(kind, record, provider, version)
             for kind, hook in KINDS.items()
             for records in getattr(manager.hook, hook)()
             for record in _checked(records, provider, hook)
-        ]
-        for entry in found:
-            self._refuse_duplicate(entry)
-        for entry in found:
-            self.entries[entry.kind, entry.plugin.name] = entry
+        )
+        before = dict(self.entries)
+        try:
+            for entry in found:
+                self._refuse_duplicate(entry)
+                self.entries[entry.kind, entry.plugin.name] = entry
+        except PluginError:
+            self.entries = before
+            raise
 
     def _refuse_duplicate(self, entry: Entry) -> None:
         other = self.entries.get((entry.kind, entry.plugin.name))
@@ -135,8 +139,8 @@ class Registry:
             taken = f"the metric number {clash[0]!r}"
         raise PluginError(f"{entry.provider} and {other.provider} both provide {taken}: rename one of them")
 
-    def add_file(self, path: Path, where: str) -> None:
-        """Register a local plugin file named in a study.
+    def add_file(self, path: Path, name: str, where: str) -> None:
+        """Register a local plugin file, by the name that the study gives it.
 
         Raises
         ------
@@ -146,16 +150,16 @@ class Registry:
             It raises on import, or :meth:`add` refuses it.
         """
         if not path.is_file():
-            raise SpecError(finding(where, "there is no such plugin file.", value=str(path)))
+            raise SpecError(finding(where, "there is no such plugin file.", value=name, remedy=f"Looked for {path}."))
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()[:16]
         module = _import_file(path, f"eiwa_local_{path.stem}_{digest}")
-        self.digests[path.name] = digest
-        self.add(module, path.name, f"sha256:{digest}")
+        self.digests[name] = digest
+        self.add(module, name, f"sha256:{digest}")
 
 
-def load(files: Sequence[tuple[Path, str]] = ()) -> Registry:
-    """The registry of built-ins, installed plugins, and local files given as (path, TOML path)."""
+def load(files: Sequence[tuple[Path, str, str]] = ()) -> Registry:
+    """The registry of built-ins, installed plugins, and local files given as (path, name, TOML path)."""
     registry = Registry()
     for name in BUILT_IN:
         registry.add(importlib.import_module(name), name, __version__)
@@ -167,8 +171,8 @@ def load(files: Sequence[tuple[Path, str]] = ()) -> Registry:
         # Whatever an installed plugin raises must not take down a study that does not use it.
         except Exception as error:
             registry.broken.append(Broken(provider, _one_line(error)))
-    for path, where in files:
-        registry.add_file(path, where)
+    for path, name, where in files:
+        registry.add_file(path, name, where)
     return registry
 
 

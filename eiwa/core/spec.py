@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from eiwa.core import consistency
 from eiwa.core import registry as plugins
 from eiwa.core.design import SECTIONS, Design, design
-from eiwa.core.errors import SpecError, finding
+from eiwa.core.errors import EiwaError, SpecError, finding
 from eiwa.core.expressions import Expression, in_order
 from eiwa.core.findings import validated
 from eiwa.core.registry import Registry
@@ -58,6 +58,8 @@ class StudySpec:
     constraints: Sequence[ConstraintSection]
     designs: Mapping[str, DesignSection]
     assumptions: Mapping[str, str]
+    defaults: Tree
+    """The design tables with every default written out."""
 
     @cached_property
     def needed(self) -> frozenset[str]:
@@ -71,7 +73,7 @@ class StudySpec:
 
     def design(self, overrides: Mapping[str, Any]) -> Design:
         """The design with other values at some paths, validated as if the user had written it."""
-        return design(replaced(self.tree, overrides), self.registry, self.needed)
+        return design(replaced(self.tree, overrides, self.defaults), self.registry, self.needed)
 
     def overrides(self, parameters: Mapping[str, float]) -> dict[str, float]:
         """Values at the searched paths, from the sampler's parameters.
@@ -142,7 +144,17 @@ def load(path: Path, settings: Mapping[str, Any] | None = None) -> StudySpec:
         raise SpecError(f"{path}: cannot be read: {error.strerror}. Give the path of a study file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SpecError(f"{path}: is not TOML: {error}.") from None
-    return check(replaced(tree, settings or {}), path)
+    if settings:
+        tree = replaced(tree, settings, _defaults(tree, path))
+    return check(tree, path)
+
+
+def _defaults(tree: Tree, path: Path) -> Tree:
+    """What the file alone resolves to; nothing where it is not valid by itself."""
+    try:
+        return check(tree, path).resolved
+    except EiwaError:
+        return {}
 
 
 def check(tree: Tree, path: Path) -> StudySpec:
@@ -151,21 +163,22 @@ def check(tree: Tree, path: Path) -> StudySpec:
     if unknown:
         raise SpecError(*unknown)
     registry = plugins.load(_plugin_files(tree, path))
-    study = validated(StudySection, tree.get("study", {}), "study")
     findings: list[str] = []
     base: Design | None = None
     try:
         base = design(tree, registry)
     except SpecError as error:
         findings.extend(error.findings)
+    defaults = base.resolved() if base is not None else {}
     try:
         spec = StudySpec(
-            path, tree, registry, study, *_search(tree),
-            scenarios=_scenarios(tree),
+            path, tree, registry, validated(StudySection, tree.get("study", {}), "study"), *_search(tree),
+            scenarios=_scenarios(tree, defaults),
             objectives=_list(tree, "objectives", ObjectiveSection),
             constraints=_list(tree, "constraints", ConstraintSection),
             designs={n: _design(n, t) for n, t in _table(tree, "designs").items()},
-            assumptions=_table(tree, "assumptions"),
+            assumptions=_assumptions(tree),
+            defaults=defaults,
         )  # fmt: skip
     except SpecError as error:
         raise SpecError(*findings, *error.findings) from None
@@ -176,11 +189,11 @@ def check(tree: Tree, path: Path) -> StudySpec:
     return spec
 
 
-def _plugin_files(tree: Tree, path: Path) -> list[tuple[Path, str]]:
+def _plugin_files(tree: Tree, path: Path) -> list[tuple[Path, str, str]]:
     files = tree.get("plugins", [])
     if not (isinstance(files, list) and all(isinstance(f, str) for f in files)):
         raise SpecError(finding("plugins", "must be a list of file names.", value=files, remedy='plugins = ["my.py"]'))
-    return [(path.parent / name, f"plugins.{i}") for i, name in enumerate(files)]
+    return [(path.parent / name, name, f"plugins.{i}") for i, name in enumerate(files)]
 
 
 def _table(tree: Tree, name: str) -> Mapping[str, Any]:
@@ -220,33 +233,48 @@ def _search(tree: Tree) -> tuple[dict[str, RangeSection], dict[str, Expression],
     return ranges, expressions, {path: path for path in _table(tree, "search")}
 
 
-def _scenarios(tree: Tree) -> list[Scenario]:
+def _scenarios(tree: Tree, defaults: Tree) -> list[Scenario]:
     """The reference, then every combination of the listed values that differs from it."""
     lists = _table(tree, "scenarios")
     for path, values in lists.items():
         if not (isinstance(values, list) and values):
             remedy = 'Write "dexterity.K" = [50, 12270]; quote the path.'
             raise SpecError(finding(f'scenarios."{path}"', "must be a list of values.", value=values, remedy=remedy))
-    current = {path: lookup(tree, path) if exists(tree, path) else None for path in lists}
-    scenarios = [REFERENCE]
+    current = {path: lookup(defaults, path) if exists(defaults, path) else None for path in lists}
+    found = {REFERENCE.label: REFERENCE}
     for combination in product(*lists.values()):
         overrides = {p: v for p, v in zip(lists, combination, strict=True) if v != current[p]}
-        if overrides:
-            label = " ".join(f"{p}={v:g}" if isinstance(v, float) else f"{p}={v}" for p, v in overrides.items())
-            scenarios.append(Scenario(label, overrides))
+        label = " ".join(f"{p}={v}" for p, v in overrides.items())
+        found.setdefault(label, Scenario(label, overrides))
+    scenarios = list(found.values())
     if len(scenarios) > MAX_SCENARIOS:
         raise SpecError(finding("scenarios", f"{len(scenarios)} combinations; at most {MAX_SCENARIOS} are allowed."))
     return scenarios
+
+
+def _assumptions(tree: Tree) -> Mapping[str, str]:
+    for path, reason in _table(tree, "assumptions").items():
+        _refuse_unquoted("assumptions", path, reason)
+        if not isinstance(reason, str):
+            raise SpecError(finding(f'assumptions."{path}"', "must be a text that says why.", value=reason))
+    return _table(tree, "assumptions")
+
+
+def _refuse_unquoted(table: str, path: str, value: Any) -> None:
+    """A path without quotes is a table in TOML; tell which quotes are missing."""
+    if isinstance(value, dict):
+        whole, inner = next(iter(leaves(value, path)))
+        shown = inner if isinstance(inner, int | float) else repr(inner)
+        remedy = f'Quote the whole path: "{whole}" = {shown}.'
+        raise SpecError(finding(f"{table}.{path}", "values stand at quoted paths here.", remedy=remedy))
 
 
 def _design(name: str, table: Any) -> DesignSection:
     if not isinstance(table, dict):
         raise SpecError(finding(f"designs.{name}", f"must be a table: write [designs.{name}].", value=table))
     overrides = {k: v for k, v in table.items() if k != "published"}
-    nested = [k for k, v in overrides.items() if isinstance(v, dict)]
-    if nested:
-        remedy = f'Quote the whole path, as in "{nested[0]}.{next(iter(overrides[nested[0]]), "key")}" = 0.1.'
-        raise SpecError(finding(f"designs.{name}.{nested[0]}", "a design sets values at quoted paths.", remedy=remedy))
+    for path, value in overrides.items():
+        _refuse_unquoted(f"designs.{name}", path, value)
     section = {"overrides": overrides, "published": table.get("published", {})}
     return validated(DesignSection, section, f"designs.{name}")
 

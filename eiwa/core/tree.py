@@ -36,16 +36,27 @@ def exists(tree: Any, path: str) -> bool:
     return True
 
 
-def replaced(tree: Tree, values: Mapping[str, Any]) -> Tree:
-    """A copy of the tree with other values at some paths; a last step that is not there yet is added."""
+def replaced(tree: Tree, values: Mapping[str, Any], defaults: Tree | None = None) -> Tree:
+    """A copy of the tree with other values at some paths.
+
+    Tables and lists that a path passes through and the tree does not write out are taken from ``defaults``; a last
+    step that is not there yet is added.
+
+    Raises
+    ------
+    SpecError
+        A path passes through something that neither has.
+    """
     result = copy.deepcopy(tree)
     for path, value in values.items():
         *parents, last = path.split(".")
         node: Any = result
         walked = ""
         for step in parents:
-            if not walked and step not in node:
-                node[step] = {}
+            if isinstance(node, dict) and step not in node:
+                known = _at(defaults or {}, walked)
+                if isinstance(known, dict) and isinstance(known.get(step), dict | list):
+                    node[step] = copy.deepcopy(known[step])
             node = node[_key(node, step, path, walked)]
             walked = f"{walked}.{step}" if walked else step
         if isinstance(node, dict):
@@ -53,6 +64,10 @@ def replaced(tree: Tree, values: Mapping[str, Any]) -> Tree:
         else:
             node[_key(node, last, path, walked)] = copy.deepcopy(value)
     return result
+
+
+def _at(tree: Tree, path: str) -> Any:
+    return (lookup(tree, path) if exists(tree, path) else None) if path else tree
 
 
 def _key(node: Any, step: str, path: str, walked: str) -> Any:
@@ -82,7 +97,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 def leaves(tree: Any, prefix: str = "") -> Iterable[tuple[str, Any]]:
     """All (path, value) pairs of a tree; list items by their name or position."""
-    if isinstance(tree, dict):
+    if isinstance(tree, dict) and tree:
         items: Iterable[tuple[str, Any]] = tree.items()
     elif isinstance(tree, list) and any(isinstance(item, dict) for item in tree):
         items = ((item.get("name", str(i)) if isinstance(item, dict) else str(i), item) for i, item in enumerate(tree))

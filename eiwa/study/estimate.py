@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from eiwa.core.evaluation import ergonomic_grid
-from eiwa.core.outcome import evaluate, memory, require_memory
+from eiwa.core.memory import memory, require_memory
+from eiwa.core.outcome import evaluate
 from eiwa.core.spec import StudySpec, check
 from eiwa.core.tree import replaced
 from eiwa.study.sampler import search_size
@@ -39,7 +40,7 @@ def estimate(spec: StudySpec) -> Cost:
     setups = [spec.design(s.overrides).setup(spec.study.seed) for s in spec.scenarios]
     grids = [ergonomic_grid([s.human.bounds(s.operator) for s in setups], setup.r) for setup in setups]
     for grid, setup in zip(grids, setups, strict=True):
-        require_memory(grid.cells, setup)
+        require_memory(grid.cells, setup.backend, setup.r)
     cells = max(grid.cells for grid in grids)
     small, large = _seconds(spec, SMALL), _seconds(spec, LARGE)
     slope = max(0.0, large - small) / (LARGE - SMALL)
@@ -47,7 +48,7 @@ def estimate(spec: StudySpec) -> Cost:
     per_trial = max(small, small + slope * (samples - SMALL))
     return Cost(
         cells,
-        max(memory(g.cells, s) for g, s in zip(grids, setups, strict=True)),
+        max(memory(g.cells, s.backend) for g, s in zip(grids, setups, strict=True)),
         per_trial,
         search_size(spec),
     )

@@ -18,7 +18,17 @@ from eiwa.core.spec import StudySpec
 
 def distributions(spec: StudySpec) -> dict[str, BaseDistribution]:
     """Optuna's distribution of every searched variable."""
-    return {n: FloatDistribution(r.low, r.high, log=r.log, step=r.step) for n, r in spec.ranges.items()}
+    return {n: FloatDistribution(r.low, _last(r), log=r.log, step=r.step) for n, r in spec.ranges.items()}
+
+
+def _last(r: RangeSection) -> float:
+    """The largest value that the steps reach."""
+    return r.high if r.step is None else min(r.high, r.low + _steps(r) * r.step)
+
+
+def _steps(r: RangeSection) -> int:
+    assert r.step is not None
+    return int(np.floor((r.high - r.low) / r.step + 1e-9))
 
 
 def sampler_of(spec: StudySpec, number: int) -> optuna.samplers.BaseSampler:
@@ -63,8 +73,7 @@ def grid_points(ranges: Mapping[str, RangeSection]) -> list[dict[str, float]]:
     axes = []
     for r in ranges.values():
         assert r.step is not None
-        count = int(np.floor((r.high - r.low) / r.step + 1e-9)) + 1
-        axes.append([r.low + k * r.step for k in range(count)])
+        axes.append([min(r.high, r.low + k * r.step) for k in range(_steps(r) + 1)])
     return [dict(zip(ranges, values, strict=True)) for values in product(*axes)]
 
 
@@ -83,4 +92,4 @@ def _scaled(r: RangeSection, unit: float) -> float:
     if r.log:
         return float(np.exp(np.log(r.low) + unit * (np.log(r.high) - np.log(r.low))))
     value = r.low + unit * (r.high - r.low)
-    return value if r.step is None else min(r.high, r.low + round((value - r.low) / r.step) * r.step)
+    return value if r.step is None else min(_last(r), r.low + int(unit * (_steps(r) + 1)) * r.step)

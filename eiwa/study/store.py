@@ -63,9 +63,10 @@ class Store:
                 raise StoreError(
                     f"{self.folder}: this study is running in process {holder}. Wait for it, stop it, or use another name."
                 ) from None
-            file.truncate(0)
-            file.write(str(os.getpid()))
-            file.flush()
+            with writing(self.folder / "lock"):
+                file.truncate(0)
+                file.write(str(os.getpid()))
+                file.flush()
             yield
 
     def open(self, spec: StudySpec) -> None:
@@ -104,7 +105,7 @@ class Store:
         number = 1
         while (target := self.folder.with_name(f"{self.folder.name}.old-{number}")).exists():
             number += 1
-        with writing(self.folder):
+        with self.locked(), writing(self.folder):
             self.folder.rename(target)
         return target
 
