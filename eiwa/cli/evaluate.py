@@ -26,16 +26,19 @@ def evaluate(
 ) -> None:
     """Evaluate one design: the study file's own values, or a named design's, with --set on top."""
     from eiwa.cli import tables
+    from eiwa.core.design import SECTIONS
     from eiwa.core.errors import SpecError
     from eiwa.core.outcome import evaluate as outcome_of
     from eiwa.core.spec import load
     from eiwa.core.tree import did_you_mean
 
     listen_to_log()
-    spec = load(Path(study))
+    put = settings(set_)
+    spec = load(Path(study), put)
     if design is not None and design not in spec.designs:
         raise SpecError(f"--design {design}: the study has no such design{did_you_mean(design, spec.designs)}")
-    overrides = {**(spec.designs[design].overrides if design else {}), **settings(set_)}
+    overrides = dict(spec.designs[design].overrides) if design else {}
+    overrides |= {path: value for path, value in put.items() if "." in path and path.split(".")[0] in SECTIONS}
     tables_of = spec.design(overrides).tables["sampling"]
     count = replicates or tables_of.replicates  # type: ignore[attr-defined]
     outcome = outcome_of(spec, overrides, count, named=design is not None)

@@ -35,7 +35,8 @@ class StudyProgress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._progress.stop()
+        if self._tasks:
+            self._progress.stop()
 
     def begin(self, stage: str, total: int, done: int) -> None:
         """A stage with ``done`` of ``total`` evaluations behind it."""

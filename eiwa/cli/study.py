@@ -58,6 +58,13 @@ def show(study: StudyFile, runs: Runs = "runs", set_: Settings = None, as_json: 
     store = Store(Path(runs) / spec.study.name)
     if not store.exists():
         raise StoreError(f"{store.folder}: has no results yet. Run: eiwa study run {shlex.quote(study)}")
+    if changed := store.changes(spec):
+        console = err()
+        console.print(
+            "These results are of another version of the study file; their numbers would differ:", style="yellow"
+        )
+        for line in changed[:8]:
+            console.print(f"  {line}", markup=False, soft_wrap=True)
     _report(spec, store, study, as_json)
 
 

@@ -68,20 +68,17 @@ def scenarios(spec: StudySpec, rows: Sequence[Row]) -> Table | None:
     if len(spec.scenarios) < 2:
         return None
     metric = shown_metrics(spec)[0]
-    table = _table(f"{metric} under every scenario")
-    table.add_column("design", no_wrap=True)
-    for scenario in spec.scenarios[:6]:
-        label = _scenario_label(spec, scenario.label)
-        table.add_column(label, justify="right")
+    table = _table(f"{metric} under every scenario (*: the reference)")
+    table.add_column("scenario", no_wrap=True)
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
-    shown = [(r["name"], r) for r in designs(spec, rows)]
+    shown = [(r["name"], r) for r in designs(spec, rows)][:3]
     shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in leaders(spec, rows)[:1]]
-    for name, row in shown:
-        cells = []
-        for scenario in spec.scenarios[:6]:
-            value, se = (row.get(metric_column(m, scenario.label)) for m in (metric, f"{metric}_se"))
-            cells.append(with_error(value, se))
-        table.add_row(Text(name), *cells)
+    for name, _ in shown:
+        table.add_column(Text(name), justify="right", no_wrap=True)
+    for scenario in spec.scenarios:
+        columns = [metric_column(m, scenario.label) for m in (metric, f"{metric}_se")]
+        cells = [with_error(*(row.get(column) for column in columns)) for _, row in shown]
+        table.add_row(Text(scenario_label(spec, scenario.label)), *cells)
     return table
 
 
@@ -103,12 +100,12 @@ def metrics(spec: StudySpec, scenarios: Mapping[str, Mapping[str, float | None]]
     table = _table(title)
     table.add_column("metric", no_wrap=True)
     for label in scenarios:
-        table.add_column(_scenario_label(spec, label).replace(" (", "\n("), justify="right", no_wrap=True)
+        table.add_column(scenario_label(spec, label), justify="right", no_wrap=True)
     explained = len(scenarios) == 1
     if explained:
         table.add_column("meaning", style="dim")
     for name in next(iter(scenarios.values())):
-        if not name.endswith("_se"):
+        if not name.endswith("_se") and any(numbers[name] is not None for numbers in scenarios.values()):
             cells = [with_error(numbers[name], numbers.get(f"{name}_se")) for numbers in scenarios.values()]
             unit = f" [{known[name].unit}]" if known[name].unit else ""
             table.add_row(Text(name + unit), *cells, *([known[name].description] if explained else []))
@@ -125,6 +122,8 @@ def with_error(value: float | None, error: float | None) -> str:
     if value is None:
         return "-"
     if error is None:
+        if value >= 1000:
+            return f"{value:,.0f}"
         return f"{value:.4f}" if abs(value) >= 1e-3 or value == 0 else f"{value:.2e}"
     return f"{value:.4f} ± {error:.4f}"
 
@@ -156,13 +155,19 @@ def _shown(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _scenario_label(spec: StudySpec, label: str) -> str:
+def scenario_label(spec: StudySpec, label: str) -> str:
     """A scenario's label with path steps cut; the reference by the value it has."""
     if label != REFERENCE.label:
-        return " ".join(part.rsplit(".", 1)[-1] for part in label.split(" "))
+        return " ".join(_cut(part) for part in label.split(" "))
     paths = list(dict.fromkeys(p for s in spec.scenarios for p in s.overrides))
-    shown = " ".join(f"{p.rsplit('.', 1)[-1]}={_shown(lookup(spec.resolved, p))}" for p in paths)
-    return f"{shown} (reference)" if shown else "value"
+    shown = " ".join(_cut(f"{p}={_shown(lookup(spec.defaults, p))}") for p in paths)
+    return f"{shown} *" if shown else "value"
+
+
+def _cut(setting: str) -> str:
+    """'layout.offset.1=0.8' -> 'offset 1=0.8'."""
+    path, equals, value = setting.partition("=")
+    return f"{_short(path)}{equals}{value}"
 
 
 def _short(path: str) -> str:

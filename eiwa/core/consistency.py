@@ -21,7 +21,7 @@ def findings(spec: StudySpec, base: Design) -> list[str]:
 
 def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
     """Every path that something changes must exist; searched ones must hold a number."""
-    resolved = base.resolved()
+    resolved = spec.defaults
     uses = [(f'search."{p}"', p, True) for p in spec.searched]
     uses += [(f'scenarios."{p}"', p, False) for p in spec.tree.get("scenarios", {})]
     uses += [(f'designs.{n}."{p}"', p, False) for n, d in spec.designs.items() for p in d.overrides]
@@ -92,6 +92,9 @@ def _budget(spec: StudySpec, base: Design) -> Iterable[str]:
     if spec.study.trials and not spec.objectives:
         remedy = 'Add [[objectives]] with metric = "F" and direction = "maximize".'
         yield finding("study.trials", "there is no objective.", value=spec.study.trials, remedy=remedy)
+    if spec.defaults["sampling"]["estimator"] == "elites" and spec.defaults["voxels"].get("aggregate") != "max":
+        remedy = 'Use estimator = "plain" or "sobol", or aggregate = "max".'
+        yield finding("sampling.estimator", "elites search the largest value per voxel.", value="elites", remedy=remedy)
     unused = set(spec.ranges) - set(spec.searched)
     unused -= {name for e in spec.expressions.values() for name in e.names}
     for name in sorted(unused):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from eiwa.core.errors import SpecError, finding
+from eiwa.core.errors import SpecError, blaming, finding
 from eiwa.core.evaluation import Layout, Setup
 from eiwa.core.filling import Sampling
 from eiwa.core.findings import validated
@@ -60,7 +61,7 @@ class Design:
         assert isinstance(dexterity, DexteritySection) and isinstance(voxels, VoxelsSection)
         assert isinstance(sampling, SamplingSection)
         parts = [self.plugins[section] for section in ("arm", "dexterity", "voxels")]
-        arm, index, backend = (plugin.build(parameters) for plugin, parameters in parts)
+        arm, index, backend = (_built(plugin, parameters) for plugin, parameters in parts)
         human_key, human = _human(*self.plugins["human"])
         roll, pitch, yaw = (float(angle) for angle in np.deg2rad(layout.orientation))
         x, y, z = layout.offset
@@ -80,12 +81,17 @@ class Design:
             ),
             estimator=sampling.estimator,
             seed=seed,
-            metrics={name: plugin.build(parameters) for name, (plugin, parameters) in self.metrics.items()},
+            metrics={name: _built(plugin, parameters) for name, (plugin, parameters) in self.metrics.items()},
         )
 
 
 _PLUGGED = ("arm", "dexterity", "human", "voxels")
 _humans: dict[str, HumanModel] = {}
+
+
+def _built(plugin: Plugin, parameters: Parameters) -> Any:
+    with blaming(plugin.build):
+        return plugin.build(parameters)
 
 
 def _human(plugin: Plugin, parameters: Parameters) -> tuple[str, HumanModel]:
@@ -94,7 +100,7 @@ def _human(plugin: Plugin, parameters: Parameters) -> tuple[str, HumanModel]:
     if key not in _humans:
         if len(_humans) >= 32:
             del _humans[next(iter(_humans))]
-        _humans[key] = plugin.build(parameters)
+        _humans[key] = _built(plugin, parameters)
     return key, _humans[key]
 
 

@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.errors import PluginError, SingularArm
+from eiwa.core.errors import PluginError, SingularArm, blaming, name_of
 from eiwa.core.interfaces import NOTHING, Arm, Array, DexterityIndex, TracedArm, TracedIndex, where_valid
 from eiwa.core.kernel import Map
 from eiwa.core.optimum import maximum, pilot_points
 from eiwa.core.symbols import Column
+from eiwa.core.symbols import maximum as maximum_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,10 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     """
     u = pilot_points(arm.dof)
     needs_postures = type(index).prepare is not DexterityIndex.prepare
-    prepared = index.prepare(arm, arm.postures(u)) if needs_postures else NOTHING
+    with blaming(arm):
+        pilot = arm.postures(u) if needs_postures else None
+    with blaming(index):
+        prepared = index.prepare(arm, pilot) if pilot is not None else NOTHING
     unit = Dexterity(arm, index, prepared, 1.0, threshold)
     tips, raw = unit.raw(u)
     _refuse_nan(unit, tips, raw)
@@ -118,8 +122,10 @@ class Family:
         if self.traced:
             out = self.kernel()(u, self.constants)
             return out[:, :3], out[:, 3:]
-        postures = self.arm.postures(u)
-        raws = np.stack([np.maximum(d.index.values(postures, d.prepared), 0.0) for d in self.members], axis=1)
+        with blaming(self.arm):
+            postures = self.arm.postures(u)
+        with blaming(self.members[0].index):
+            raws = np.stack([np.maximum(d.index.values(postures, d.prepared), 0.0) for d in self.members], axis=1)
         valid = postures.valid[:, None]
         tips, raws = np.where(valid, postures.tips, 0.0), np.where(valid, raws, -1.0)
         _refuse_nan(self.members[0], tips, raws)
@@ -141,7 +147,7 @@ class Family:
             values = [
                 index.columns(columns, p[own + k * each : own + (k + 1) * each]) for k in range(len(self.members))
             ]
-            return [*columns.tip, *(where_valid(columns.valid, value, -1.0) for value in values)]
+            return [*columns.tip, *(where_valid(columns.valid, maximum_of(value, 0.0), -1.0) for value in values)]
 
         _kernels[key] = Map(function, arm.dof, len(self.constants), dtype, flow, components)
         return _kernels[key]
@@ -153,7 +159,7 @@ _kernels: dict[Any, Map] = {}
 def _refuse_nan(dexterity: Dexterity, tips: Array, raw: Array) -> None:
     for part, values in ((dexterity.arm, tips), (dexterity.index, raw)):
         if not np.isfinite(values).all():
-            raise PluginError(f"{type(part).__name__} of {type(part).__module__}: values that are not finite")
+            raise PluginError(f"{name_of(part)}: values that are not finite")
 
 
 def _structure(index: DexterityIndex) -> Any:

@@ -11,7 +11,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 
 
 class EiwaError(Exception):
@@ -42,6 +45,27 @@ class PluginError(EiwaError):
 
 class StoreError(EiwaError):
     """A study's folder on disk cannot be used as asked."""
+
+
+@contextmanager
+def blaming(part: object) -> Iterator[None]:
+    """Turn whatever a plugin's part raises into a PluginError that names it."""
+    try:
+        yield
+    except EiwaError:
+        raise
+    # A plugin may raise anything; its user needs to know which one it was.
+    except Exception as error:
+        raise PluginError(f"{name_of(part)} raised {type(error).__name__}: {error}") from error
+
+
+def name_of(part: object) -> str:
+    """A function's or an object's class, and the file or module it comes from."""
+    kind = part if hasattr(part, "__qualname__") else type(part)
+    module = sys.modules.get(kind.__module__)
+    local = kind.__module__.startswith("eiwa_local_") and module is not None
+    where = Path(str(module.__file__)).name if local and module is not None else kind.__module__
+    return f"{getattr(kind, '__qualname__', kind)} ({where})"
 
 
 _NOTHING = object()

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from eiwa.core.dexterity import Dexterity, Family, prepare
 from eiwa.core.elites import Refinement, refine
+from eiwa.core.errors import blaming
 from eiwa.core.filling import Filled, Sampling, fill
 from eiwa.core.interfaces import (
     Arm,
@@ -215,7 +216,8 @@ def metrics(measurement: Measurement) -> dict[str, float | None]:
     """All numbers of the setup's metrics, by name; None where a number does not apply."""
     numbers: dict[str, float | None] = {}
     for metric in measurement.setup.metrics.values():
-        numbers.update(metric(measurement))
+        with blaming(metric):
+            numbers.update(metric(measurement))
     return numbers
 
 

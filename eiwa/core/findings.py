@@ -72,6 +72,8 @@ def _problem(item: Any) -> str:
     if item["type"] in ("too_short", "too_long"):
         bound = item["ctx"].get("min_length", item["ctx"].get("max_length"))
         return f"must have {'at least' if item['type'] == 'too_short' else 'at most'} {bound} items"
+    if item["type"] == "model_type":
+        return "must be a table"
     text: str = item["msg"]
     for old, new in (
         ("Input should be", "must be"),

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from eiwa.core.errors import SpecError, finding
+from eiwa.core.errors import SpecError, blaming, finding
 from eiwa.core.evaluation import Measurement, Setup, ergonomic_grid, field_stream, measure, metrics
 from eiwa.core.interfaces import ErgonomicField
 from eiwa.core.memory import require_memory
@@ -143,5 +143,6 @@ def ergonomic_field(setup: Setup, grid: Grid, replicate: int) -> ErgonomicField:
     if key not in _fields:
         if len(_fields) >= KEPT_FIELDS:
             del _fields[next(iter(_fields))]
-        _fields[key] = setup.human.field(grid, setup.operator, stream)
+        with blaming(setup.human):
+            _fields[key] = setup.human.field(grid, setup.operator, stream)
     return _fields[key]

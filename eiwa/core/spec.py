@@ -169,7 +169,7 @@ def check(tree: Tree, path: Path) -> StudySpec:
         base = design(tree, registry)
     except SpecError as error:
         findings.extend(error.findings)
-    defaults = base.resolved() if base is not None else {}
+    defaults = {**base.resolved(), "metrics": _metric_defaults(registry, base)} if base is not None else {}
     try:
         spec = StudySpec(
             path, tree, registry, validated(StudySection, tree.get("study", {}), "study"), *_search(tree),
@@ -231,6 +231,16 @@ def _search(tree: Tree) -> tuple[dict[str, RangeSection], dict[str, Expression],
                 raise SpecError(finding(path, "must be a range or an expression.", value=value, remedy=remedy))
     in_order(expressions, frozenset(ranges))
     return ranges, expressions, {path: path for path in _table(tree, "search")}
+
+
+def _metric_defaults(registry: Registry, base: Design) -> Tree:
+    """Parameters of every metric: as the study has them, or the defaults of one that it does not ask for."""
+    tree: Tree = dict(base.resolved()["metrics"])
+    for entry in registry.of_kind("metrics"):
+        model = entry.plugin.parameters
+        if not any(field.is_required() for field in model.model_fields.values()):
+            tree.setdefault(entry.plugin.name, model().model_dump(mode="json"))
+    return tree
 
 
 def _scenarios(tree: Tree, defaults: Tree) -> list[Scenario]:

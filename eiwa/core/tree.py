@@ -39,8 +39,8 @@ def exists(tree: Any, path: str) -> bool:
 def replaced(tree: Tree, values: Mapping[str, Any], defaults: Tree | None = None) -> Tree:
     """A copy of the tree with other values at some paths.
 
-    Tables and lists that a path passes through and the tree does not write out are taken from ``defaults``; a last
-    step that is not there yet is added.
+    Tables and lists that a path passes through and the tree does not write out are taken from ``defaults`` (without
+    them, a missing table at the top is added); a last step that is not there yet is added.
 
     Raises
     ------
@@ -53,10 +53,12 @@ def replaced(tree: Tree, values: Mapping[str, Any], defaults: Tree | None = None
         node: Any = result
         walked = ""
         for step in parents:
-            if isinstance(node, dict) and step not in node:
+            if defaults is None and not walked:
+                node.setdefault(step, {})
+            elif isinstance(node, dict) and step not in node:
                 known = _at(defaults or {}, walked)
                 if isinstance(known, dict) and isinstance(known.get(step), dict | list):
-                    node[step] = copy.deepcopy(known[step])
+                    node[step] = {} if isinstance(known[step], dict) else copy.deepcopy(known[step])
             node = node[_key(node, step, path, walked)]
             walked = f"{walked}.{step}" if walked else step
         if isinstance(node, dict):

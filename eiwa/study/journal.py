@@ -47,7 +47,15 @@ def storage(path: Path) -> JournalStorage:
         _mend_tail(path)
         _check(path)
     lock = FileLock(path.with_name("journal.lock"))
-    return JournalStorage(JournalFileBackend(str(path), lock_obj=lock))  # type: ignore[arg-type]
+    try:
+        found = JournalStorage(JournalFileBackend(str(path), lock_obj=lock))  # type: ignore[arg-type]
+        found.get_all_studies()
+    except OSError:
+        raise
+    # Replaying lines that are JSON but no log can raise anything.
+    except Exception as error:
+        raise _damaged(path, f"its log ({type(error).__name__})") from None
+    return found
 
 
 def _mend_tail(path: Path) -> None:
@@ -65,10 +73,14 @@ def _check(path: Path) -> None:
             try:
                 json.loads(line)
             except ValueError:
-                raise StoreError(
-                    f"{path}: line {number} is damaged. Finished trials are safe in {path.parent / 'trials'}: "
-                    "move the journal away and run again, it is rebuilt from them."
-                ) from None
+                raise _damaged(path, f"line {number}") from None
+
+
+def _damaged(path: Path, where: str) -> StoreError:
+    return StoreError(
+        f"{path}: {where} is damaged. Finished trials are safe in {path.parent / 'trials'}: "
+        "move the journal away and run again, it is rebuilt from them."
+    )
 
 
 def quiet() -> None:

@@ -122,9 +122,8 @@ class Run:
             self._stop_when_failing(known)
 
     def _study(self) -> tuple[optuna.Study, optuna.storages.BaseStorage]:
-        """The Optuna study; a missing journal is rebuilt from the rows."""
+        """The Optuna study; what its journal lacks is rebuilt from the rows."""
         journal.quiet()
-        rebuild = not self.store.journal.exists()
         with writing(self.store.journal), warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             storage = journal.storage(self.store.journal)
@@ -134,15 +133,15 @@ class Run:
                 directions=[o.direction for o in self.spec.objectives],
                 load_if_exists=True,
             )
-            if not study.user_attrs:
+            if "constraints" not in study.user_attrs:
                 study.set_user_attr("constraints", [c.label for c in self.spec.constraints])
+            if study.metric_names is None:
                 study.set_metric_names(_unique([o.label for o in self.spec.objectives]))
-            if rebuild:
-                trials = {r["number"]: r for r in self.rows if r["kind"] == "trial"}
-                for number in range(len(trials)):
-                    if number not in trials:
-                        break
-                    study.add_trial(self._frozen(trials[number]))
+            rows = {r["number"]: r for r in self.rows if r["kind"] == "trial"}
+            number = len(study.get_trials(deepcopy=False))
+            while number in rows:
+                study.add_trial(self._frozen(rows[number]))
+                number += 1
         return study, storage
 
     def _told(self, study: optuna.Study) -> int:
@@ -162,10 +161,17 @@ class Run:
             if number >= len(trials):
                 study.ask(distributions(self.spec))
             elif trials[number].state is TrialState.RUNNING:
-                adopted = optuna.trial.Trial(study, trials[number]._trial_id)
-                for name, distribution in distributions(self.spec).items():
-                    adopted._suggest(name, distribution)
+                self._adopt(study, trials[number])
         return study.get_trials(deepcopy=False)[number]
+
+    def _adopt(self, study: optuna.Study, orphan: FrozenTrial) -> None:
+        """Suggest what an interruption left unsuggested, with the random numbers in step with an uninterrupted run."""
+        trial = optuna.trial.Trial(study, orphan._trial_id)
+        for name, distribution in distributions(self.spec).items():
+            if name not in orphan.params:
+                trial._suggest(name, distribution)
+            elif name not in trial.relative_params:
+                study.sampler.sample_independent(study, orphan, name, distribution)
 
     def _task(self, trial: FrozenTrial) -> Task:
         parameters = dict(trial.params)

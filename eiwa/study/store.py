@@ -53,21 +53,21 @@ class Store:
         """
         with writing(self.folder):
             (self.folder / "trials").mkdir(parents=True, exist_ok=True)
-            file = (self.folder / "lock").open("a+")
-        with file:
+            file = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+        try:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
-                file.seek(0)
-                holder = file.read().strip() or "unknown"
+                holder = os.read(file, 32).decode().strip() or "unknown"
                 raise StoreError(
                     f"{self.folder}: this study is running in process {holder}. Wait for it, stop it, or use another name."
                 ) from None
             with writing(self.folder / "lock"):
-                file.truncate(0)
-                file.write(str(os.getpid()))
-                file.flush()
+                os.ftruncate(file, 0)
+                os.pwrite(file, str(os.getpid()).encode(), 0)
             yield
+        finally:
+            os.close(file)
 
     def open(self, spec: StudySpec) -> None:
         """Make the folder this study's, or check that it is.
@@ -77,26 +77,37 @@ class Store:
         StoreError
             It holds results whose numbers another spec made.
         """
-        path = self.folder / "study.json"
         if self.exists():
-            try:
-                stored = json.loads(path.read_text())
-                same = stored["hash"] == spec.hash
-                identity = stored["identity"]
-            except (ValueError, KeyError, TypeError):
-                raise StoreError(
-                    f"{path}: is damaged. Run with --fresh to keep the old results aside and begin anew."
-                ) from None
-            if same:
+            changed = self.changes(spec)
+            if not changed:
                 return
-            changed = differences(identity, json.loads(json.dumps(spec.identity)))
             shown = "\n".join(f"  {line}" for line in changed[:8])
             raise StoreError(
                 f"{self.folder}: holds results of another study file; their numbers would differ:\n{shown}\n"
                 "Run with --fresh (the old results are kept aside), or give the study another name."
             )
         content = {"hash": spec.hash, "identity": spec.identity}
-        write_atomically(path, json.dumps(content, indent=1, sort_keys=True).encode())
+        write_atomically(self.folder / "study.json", json.dumps(content, indent=1, sort_keys=True).encode())
+
+    def changes(self, spec: StudySpec) -> list[str]:
+        """What differs between the study file that made the results and this one, where it changes numbers.
+
+        Raises
+        ------
+        StoreError
+            The folder's own record is damaged.
+        """
+        path = self.folder / "study.json"
+        try:
+            stored = json.loads(path.read_text())
+            if stored["hash"] == spec.hash:
+                return []
+            changed = differences(stored["identity"], json.loads(json.dumps(spec.identity)))
+        except (ValueError, KeyError, TypeError, AttributeError):
+            raise StoreError(
+                f"{path}: is damaged. Run with --fresh to keep the old results aside and begin anew."
+            ) from None
+        return changed or ["something that this version of eiwa does not know"]
 
     def set_aside(self) -> Path | None:
         """Move an existing folder to the next free ``<name>.old-N``."""

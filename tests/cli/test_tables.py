@@ -1,0 +1,131 @@
+"""Tables fit into 80 columns, and those of the repository's own studies without cutting a word."""
+
+from pathlib import Path
+
+import pytest
+from rich.cells import cell_len
+
+from tests.study import small
+
+STUDIES = Path(__file__).parents[2] / "studies"
+
+QUICK = {
+    "1_048_576": "4096",
+    "size = 0.02": "size = 0.05",
+    'kind = "ehem"': 'kind = "ehem"\nsamples = 4096',
+    "replicates = 4": "replicates = 2",
+}
+
+
+def quick(name, folder):
+    """A study of the repository, with so few samples that only its tables mean anything."""
+    text = (STUDIES / name).read_text()
+    for old, new in QUICK.items():
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    path = folder / name
+    path.write_text(text)
+    return path.name
+
+
+def check(out, whole=True):
+    tables = out.split("Where to look next:")[0]
+    wide = [line for line in tables.splitlines() if cell_len(line.rstrip()) > 80]
+    assert wide == []
+    assert not whole or "…" not in out
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", [p.name for p in sorted(STUDIES.glob("*.toml"))])
+def test_a_study_of_the_repository(name, here, cli):
+    said = cli("study", "run", quick(name, here), "--set", "study.trials=8")
+    assert said.code == 0, said.err
+    check(said.out)
+
+
+@pytest.mark.parametrize(
+    "arguments", [("study", "check"), ("evaluate",), ("evaluate", "--design", "optimum")], ids=" ".join
+)
+def test_other_tables_of_the_paper(arguments, here, cli):
+    command, *more = [a for a in arguments if a != "study"]
+    group = ("study",) if "study" in arguments else ()
+    said = cli(*group, command, quick("paper.toml", here), *more)
+    assert said.code == 0, said.err
+    check(said.out)
+
+
+def test_a_paper_says_everything(here, cli):
+    said = cli("study", "run", quick("paper.toml", here), "--set", "study.trials=8")
+    for words in (
+        "original",
+        "optimum",
+        "0.0057",
+        "0.2732",
+        "trial ",
+        "K=50",
+        "K=12270",
+        "arm.convention",
+        "dexterity.K",
+    ):
+        assert words in said.out
+
+
+def test_plugins_list(cli):
+    check(cli("plugins", "list").out)
+
+
+def objective(metric):
+    return small.OBJECTIVE.replace('"F"', f'"{metric}"')
+
+
+FOUR_PATHS = """[search]
+"layout.offset.0" = { low = 0.0, high = 0.1 }
+"layout.offset.1" = { low = 0.7, high = 0.9 }
+"layout.offset.2" = { low = 0.0, high = 0.2 }
+"dexterity.K" = { low = 1, high = 1e12, log = true }
+"""
+
+OTHERS = {
+    "two scenarios": ({}, small.SCENARIOS),
+    "six scenarios": ({}, '[scenarios]\n"dexterity.K" = [50, 12270, 1000000]\n"operator.armrest" = [0.01, 0.05]\n'),
+    "misfit": (small.MISFIT, "[metrics.F_volume]\n[metrics.mean_dexterity]\n"),
+    "a long name": ({"optimum": "a_design_with_a_rather_long_name_that_goes_on"}, ""),
+    "three objectives": ({small.OBJECTIVE: small.OBJECTIVE + objective("mean_dexterity") + objective("F_volume")}, ""),
+    "three published": ({"{ F = 0.2732 }": "{ F = 0.2732, reach = 0.44, F_volume = 0.1 }"}, ""),
+    "over scenarios": ({'"maximize"': '"maximize"\nover = "scenarios"\naggregate = "min"'}, small.SCENARIOS),
+    "four paths": ({small.SEARCH: FOUR_PATHS}, ""),
+    "a long reason": ({}, '[assumptions]\n"arm.joints.shoulder.limits" = "' + "because " * 30 + '"\n'),
+}
+
+
+@pytest.mark.parametrize(("changes", "extra"), OTHERS.values(), ids=list(OTHERS))
+def test_other_studies(changes, extra, here, cli):
+    path = small.write(here, changes, extra).name
+    for arguments in (("study", "run"), ("evaluate",)):
+        said = cli(*arguments, path)
+        assert said.code == 0, said.err
+        check(said.out, whole=False)
+
+
+@pytest.mark.parametrize("text", ["[bold]text[/bold]", "[/]", "[red]", "\\[x"])
+def test_text_of_the_study_is_not_markup(text, here, cli):
+    path = small.write(here, extra=f"[assumptions]\n'layout.spacing' = '{text}'\n").name
+    said = cli("study", "run", path)
+    assert said.code == 0, said.err
+    assert text in said.out
+
+
+@pytest.mark.parametrize("name", ["[bold]", "[/]"])
+def test_names_of_designs_are_not_markup(name, here, cli):
+    path = small.write(here, {"[designs.optimum]": f'[designs."{name}"]'}).name
+    said = cli("study", "run", path)
+    assert said.code == 0, said.err
+    assert name in said.out
+    said = cli("evaluate", path, "--design", name)
+    assert said.code == 0, said.err
+    assert name in said.out

@@ -1,0 +1,31 @@
+"""Quicker disks, and evaluations that cost nothing where only the bookkeeping is tested."""
+
+import os
+
+import pytest
+
+from eiwa.core.outcome import Outcome
+from eiwa.study import rows
+
+
+@pytest.fixture(autouse=True)
+def unflushed(monkeypatch):
+    """No test here loses power: what is written need not reach the disk."""
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)
+
+
+def instead(spec, overrides, replicates=1, *, named=False):
+    """An outcome that follows from the overrides alone."""
+    values = [float(value) for _, value in sorted(overrides.items())]
+    F = sum((k + 1) * value for k, value in enumerate(values)) / 3
+    numbers = {"F": F, "F_se": None, "F_drift": 0.0, "singletons": 0.0, "reach": sum(values[:2])}
+    violations = [constraint.violation(numbers[constraint.metric]) for constraint in spec.constraints]
+    objectives = [F if objective.metric else None if named else 1.0 - F for objective in spec.objectives]
+    scenarios = {scenario.label: numbers for scenario in spec.scenarios}
+    return Outcome(scenarios, objectives, violations, replicates, {"F": [F] * replicates})
+
+
+@pytest.fixture
+def no_work(monkeypatch):
+    """Evaluations cost nothing."""
+    monkeypatch.setattr(rows, "evaluate", instead)
