@@ -55,9 +55,7 @@ def find_eigen_include(pinocchio_include: Path) -> Path:
     for include in (pinocchio_include / "eigen3", *SYSTEM_EIGEN):
         if (include / "Eigen" / "Core").is_file():
             return include
-    raise MissingDependencyError(
-        "Eigen's headers were not found: install them with 'apt-get install libeigen3-dev'."
-    )
+    raise MissingDependencyError("Eigen's headers were not found: install them with 'apt-get install libeigen3-dev'.")
 
 
 def find_compiler() -> str:
@@ -88,9 +86,7 @@ def build_pinocchio(out_dir: Path) -> Path:
     return binary
 
 
-def run_pinocchio(
-    binary: Path, samples: int, threads: int, limit_deg: float = 120.0
-) -> dict[str, str | float]:
+def run_pinocchio(binary: Path, samples: int, threads: int, limit_deg: float = 120.0) -> dict[str, str | float]:
     """Run the loop and return its JSON object: times in ns per sample, checksum in m^3, limit in degrees."""
     words = [str(binary), str(samples), str(threads), repr(limit_deg)]
     printed = subprocess.run(words, check=True, capture_output=True, text=True).stdout

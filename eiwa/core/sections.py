@@ -16,7 +16,11 @@ class StudySection(Parameters):
 
     name: str = quantity(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", description="Names the folder of results.")
     seed: int = quantity(0, ge=0, lt=2**32, description="The one source of randomness.")
-    trials: int = quantity(0, ge=0, description="Search trials in total; raised by whole batches, a study goes on as if it had never stopped.")
+    trials: int = quantity(
+        0,
+        ge=0,
+        description="Search trials in total; raised by whole batches, a study goes on as if it had never stopped.",
+    )
     batch: int = quantity(8, ge=1, le=1024, description="Trials asked together and told in order.")
     sampler: Literal["tpe", "random", "qmc", "grid"] = quantity("tpe", description="How the search proposes designs.")
 
