@@ -47,9 +47,7 @@ def main() -> None:
 
         fail(error)
     except KeyboardInterrupt:
-        print("\nStopped. Finished trials are kept; run the same command to continue.", file=sys.stderr)
-        sys.stderr.flush()
-        os._exit(130)
+        sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)

@@ -6,6 +6,8 @@ import json
 import logging
 import sys
 import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -52,6 +54,16 @@ def err() -> Any:
 def print_json(value: Any) -> None:
     """One JSON object on stdout."""
     print(json.dumps(value, indent=1, default=str, allow_nan=False))
+
+
+@contextmanager
+def resumable() -> Iterator[None]:
+    """End an interrupted run with what its user needs to know, and exit code 130."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        err().print("Stopped. Finished trials are kept; run the same command to continue.")
+        raise typer.Exit(130) from None
 
 
 def fail(error: EiwaError) -> NoReturn:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, settings
+from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, resumable, settings
 
 if TYPE_CHECKING:
     from eiwa.core.spec import StudySpec
@@ -40,7 +40,7 @@ def run(
     console = err()
     if fresh and (aside := store.set_aside()):
         console.print(f"Old results are kept in {aside}.", markup=False)
-    with StudyProgress(spec, console) as progress:
+    with resumable(), StudyProgress(spec, console) as progress:
         finished = Run(spec, store, progress).execute()
     if not finished:
         console.print(f"Study {spec.study.name} is complete ({store.folder}); nothing was left to do.", markup=False)

@@ -7,6 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eiwa.core.errors import SpecError, blaming, finding
 from eiwa.core.evaluation import Measurement, Setup, ergonomic_grid, field_stream, measure, metrics
 from eiwa.core.interfaces import ErgonomicField
@@ -81,7 +84,7 @@ def measurements(
     """
     designs = [spec.design({**overrides, **s.overrides}) for s in scenarios]
     setups = [d.setup(spec.study.seed) for d in designs]
-    boxes = [s.human.bounds(s.operator) for s in setups]
+    boxes = [bounds(s) for s in setups]
     families: dict[str, list[int]] = {}
     for number, design in enumerate(designs):
         families.setdefault(design.kinematics, []).append(number)
@@ -130,6 +133,12 @@ def _number(numbers: Numbers, name: str, table: str) -> float:
         remedy = "F_se needs more than one replicate, so it cannot steer a search." if name == "F_se" else ""
         raise SpecError(finding(f"{table}: {name}", "has no value for this design.", value=value, remedy=remedy))
     return value
+
+
+def bounds(setup: Setup) -> NDArray[np.float64]:
+    """The box in W that holds E > 0 of a setup's operator."""
+    with blaming(setup.human):
+        return setup.human.bounds(setup.operator)
 
 
 _fields: dict[Any, ErgonomicField] = {}

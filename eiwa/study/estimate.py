@@ -6,9 +6,9 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from eiwa.core.evaluation import ergonomic_grid
+from eiwa.core.evaluation import Setup, ergonomic_grid
 from eiwa.core.memory import memory, require_memory
-from eiwa.core.outcome import evaluate
+from eiwa.core.outcome import bounds, evaluate
 from eiwa.core.spec import StudySpec, check
 from eiwa.core.tree import replaced
 from eiwa.study.sampler import search_size
@@ -36,22 +36,26 @@ class Cost:
 
 
 def estimate(spec: StudySpec) -> Cost:
-    """Measure two short evaluations of the study file's own design, and extrapolate to its number of samples."""
+    """Measure short evaluations of the study file's own design, and extrapolate to its number of samples.
+
+    Elites stop when they have converged, so one of their evaluations is measured as it is.
+    """
     setups = [spec.design(s.overrides).setup(spec.study.seed) for s in spec.scenarios]
-    grids = [ergonomic_grid([s.human.bounds(s.operator) for s in setups], setup.r) for setup in setups]
+    boxes = [bounds(s) for s in setups]
+    grids = [ergonomic_grid(boxes, setup.r) for setup in setups]
     for grid, setup in zip(grids, setups, strict=True):
         require_memory(grid.cells, setup.backend, setup.r)
-    cells = max(grid.cells for grid in grids)
+    needed = max(memory(g.cells, s.backend) for g, s in zip(grids, setups, strict=True))
+    return Cost(max(grid.cells for grid in grids), needed, _per_trial(spec, setups[0]), search_size(spec))
+
+
+def _per_trial(spec: StudySpec, setup: Setup) -> float:
+    samples = setup.sampling.samples
+    if setup.estimator == "elites" or samples <= LARGE:
+        return _seconds(spec, samples)
     small, large = _seconds(spec, SMALL), _seconds(spec, LARGE)
     slope = max(0.0, large - small) / (LARGE - SMALL)
-    samples = setups[0].sampling.samples
-    per_trial = max(small, small + slope * (samples - SMALL))
-    return Cost(
-        cells,
-        max(memory(g.cells, s.backend) for g, s in zip(grids, setups, strict=True)),
-        per_trial,
-        search_size(spec),
-    )
+    return small + slope * (samples - SMALL)
 
 
 def _seconds(spec: StudySpec, samples: int) -> float:
