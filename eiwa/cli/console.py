@@ -27,7 +27,7 @@ def settings(pairs: list[str] | None) -> dict[str, Any]:
     """``--set`` options as paths and values; a value is read as TOML, and as a string where it is not."""
     values = {}
     for pair in pairs or []:
-        path, equals, text = pair.partition("=")
+        path, equals, text = (part.strip() for part in pair.partition("="))
         if not equals or not path:
             raise SpecError(f"--set {pair}: write PATH=VALUE, as in --set layout.spacing=0.25")
         try:

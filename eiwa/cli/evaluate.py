@@ -54,6 +54,7 @@ def evaluate(
             {
                 "study": spec.study.name,
                 "design": design,
+                "settings": put,
                 "overrides": overrides,
                 "replicates": count,
                 "metrics": outcome.scenarios[""],

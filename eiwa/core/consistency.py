@@ -29,6 +29,9 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
         if not exists(spec.resolved, path):
             yield finding(f'assumptions."{path}"', "the study has no such path.")
     for where, path, numeric in uses:
+        if numeric and path.split(".")[0] not in SECTIONS:
+            yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")
+            continue
         try:
             value = lookup(resolved, path)
         except SpecError as error:
@@ -36,8 +39,6 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
             continue
         if numeric and (isinstance(value, bool) or not isinstance(value, int | float)):
             yield finding(where, f"the path holds {value!r}, not a number.", remedy="Search one number at a time.")
-        if numeric and path.split(".")[0] not in SECTIONS:
-            yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")
 
 
 def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:

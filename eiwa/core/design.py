@@ -165,8 +165,10 @@ def _section(
         tables[section] = validated(own, table, section)
         return
     if not isinstance(table.get("kind"), str):
-        names = ", ".join(registry.names(section))
-        raise SpecError(finding(f"{section}.kind", f"is required. Known: {names}."))
+        listed = f"Known: {', '.join(registry.names(section))}."
+        if "kind" in table:
+            raise SpecError(finding(f"{section}.kind", "must be a plugin's name.", value=table["kind"], remedy=listed))
+        raise SpecError(finding(f"{section}.kind", f"is required. {listed}"))
     plugin = registry.find(section, table["kind"], f"{section}.kind")
     mine = {k: v for k, v in table.items() if own is not None and k in own.model_fields}
     known = {"kind", *mine, *(own.model_fields if own else ()), *plugin.parameters.model_fields}

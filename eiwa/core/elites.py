@@ -38,7 +38,7 @@ COARSEST, SCALES = 4, 8
 GROWTH = 2.0**0.25
 """Checkpoints stand where the evaluations have grown by this factor; four of them make a doubling."""
 CAUTION = 2.0
-"""What remains is estimated as this multiple of the last doubling's gain; benchmarks/coverage.py tells how often it suffices."""
+"""What remains is estimated as this multiple of the last doubling's gain; benchmarks/refinement.py shows the evidence."""
 LEAST = 1e-3
 """The tolerance is relative to F, but to no less than this."""
 

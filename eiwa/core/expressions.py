@@ -46,7 +46,8 @@ class Expression:
         known = type(node) in _BINARY or type(node) in _UNARY
         if not (passive or known):
             what = type(node).__name__.lower()
-            raise SpecError(finding(self.path, f"a {what} is not allowed here.", value=self.text, remedy=ALLOWED))
+            problem = f"{'an' if what[0] in 'aeiou' else 'a'} {what} is not allowed here."
+            raise SpecError(finding(self.path, problem, value=self.text, remedy=ALLOWED))
 
     @cached_property
     def names(self) -> frozenset[str]:
@@ -57,6 +58,8 @@ class Expression:
         """The expression's value; raises SpecError for a division by zero, an overflow or a complex power."""
         try:
             result = self._value(self._root, values)
+        except OverflowError:
+            raise SpecError(finding(self.path, f"is too large with {dict(values)}.", value=self.text)) from None
         except (ArithmeticError, RecursionError) as error:
             raise SpecError(finding(self.path, f"{error} with {dict(values)}.", value=self.text)) from None
         if not math.isfinite(result):

@@ -59,7 +59,7 @@ def _line(where: str, items: list[Any], model: type[BaseModel]) -> str:
     if item["type"] == "extra_forbidden":
         known = _model_at(model, item["loc"][:-1]).model_fields
         return finding(where, f"unknown key{did_you_mean(str(item['loc'][-1]), known)}")
-    problem = " or ".join(dict.fromkeys(_problem(i) for i, _ in items)) + "."
+    problem = " or ".join(dict.fromkeys(_problem(i) for i, _ in items)).replace(" or must be ", " or ") + "."
     if isinstance(item["input"], dict):
         return finding(where, problem)
     field = _model_at(model, item["loc"][:-1]).model_fields.get(str(item["loc"][-1]))
@@ -72,6 +72,8 @@ def _problem(item: Any) -> str:
     if item["type"] in ("too_short", "too_long"):
         bound = item["ctx"].get("min_length", item["ctx"].get("max_length"))
         return f"must have {'at least' if item['type'] == 'too_short' else 'at most'} {bound} items"
+    if item["type"] == "string_pattern_mismatch":
+        return "may hold letters, digits, '_' and '-' ('.' too in a study's name), and begins with a letter or digit"
     if item["type"] == "model_type":
         return "must be a table"
     text: str = item["msg"]

@@ -106,6 +106,7 @@ class Run:
     def _search(self) -> None:
         study, storage = self._study()
         begun = self._told(study)
+        self._stop_when_failing({r["number"]: r for r in self.rows if r["kind"] == "trial"})
         if begun < self.target:
             self.listen.begin("search", self.target, begun)
         self._restore_rows(study)
@@ -127,12 +128,12 @@ class Run:
         with writing(self.store.journal), warnings.catch_warnings():
             warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
             storage = journal.storage(self.store.journal)
-            study = optuna.create_study(
-                storage=storage,
-                study_name=self.spec.study.name,
-                directions=[o.direction for o in self.spec.objectives],
-                load_if_exists=True,
-            )
+            name = self.spec.study.name
+            if name in optuna.get_all_study_names(storage):
+                study = optuna.load_study(study_name=name, storage=storage)
+            else:
+                directions = [o.direction for o in self.spec.objectives]
+                study = optuna.create_study(storage=storage, study_name=name, directions=directions)
             if "constraints" not in study.user_attrs:
                 study.set_user_attr("constraints", [c.label for c in self.spec.constraints])
             if study.metric_names is None:

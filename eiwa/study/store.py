@@ -36,7 +36,8 @@ class Store:
     @property
     def parts(self) -> list[Path]:
         """Parquet parts in the order they were written."""
-        return sorted((self.folder / "trials").glob("part-*.parquet"))
+        found = (self.folder / "trials").glob("part-*.parquet")
+        return sorted(path for path in found if path.stem.removeprefix("part-").isdigit())
 
     def exists(self) -> bool:
         """Whether a study has been started here."""
@@ -85,6 +86,10 @@ class Store:
             raise StoreError(
                 f"{self.folder}: holds results of another study file; their numbers would differ:\n{shown}\n"
                 "Run with --fresh (the old results are kept aside), or give the study another name."
+            )
+        if any(row["spec_hash"] != spec.hash for row in self.rows()):
+            raise StoreError(
+                f"{self.folder}: holds rows that another study file made. Run with --fresh to keep them aside."
             )
         content = {"hash": spec.hash, "identity": spec.identity}
         write_atomically(self.folder / "study.json", json.dumps(content, indent=1, sort_keys=True).encode())

@@ -352,6 +352,7 @@ def test_evaluate_as_json(cli, path):
     assert found.keys() == {
         "study",
         "design",
+        "settings",
         "overrides",
         "replicates",
         "metrics",
