@@ -189,7 +189,11 @@ def _explorer(
             if evaluate is not None:
                 evaluate(first + start, stop - start, occupied, parents, u[:, part], slots[:, part], raws[:, part])
                 return
-            propose(u[:, part], first + start, np.uint64(stream.key), occupied, parents)
+            rows = np.empty((dof, stop - start))
+            propose(
+                rows.ravel(), stop - start, dof, stop - start, first + start, np.uint64(stream.key), occupied, parents
+            )
+            u[:, part] = rows
             tips, raw = family.evaluate(np.ascontiguousarray(u[:, part].T))
             x, y, z = (np.ascontiguousarray(tips[:, i], dtype) for i in range(3))
             raws[:, part] = raw.T
@@ -209,13 +213,12 @@ def _explorer(
 
 
 @compiled
-def propose(u: Any, first: Any, key: Any, occupied: Any, parents: Any) -> None:
-    """Candidates number ``first``, ... into the columns of ``u`` (dof, n).
+def propose(w: Any, stride: Any, dof: Any, n: Any, first: Any, key: Any, occupied: Any, parents: Any) -> None:
+    """Candidates number ``first`` ... ``first + n - 1`` into the first rows of the scratch ``w``.
 
     Without elites: plain samples. Else candidate i takes elite i (in turn), and moves a random half of its joints by
     up to a random power of two of their ranges, reflected at the ends.
     """
-    dof, n = u.shape
     gamma, words = np.uint64(0x9E3779B97F4A7C15), np.uint64(dof + 1)
     count = occupied.shape[0]
     chosen = np.empty(n, np.uint64)
@@ -231,13 +234,13 @@ def propose(u: Any, first: Any, key: Any, occupied: Any, parents: Any) -> None:
             bits = mixed(key + gamma * (np.uint64(first + i) * words + np.uint64(j + 1)))
             unit = float64_from_bits((bits >> np.uint64(12)) | np.uint64(0x3FF0000000000000)) - (1.0 - 2.0**-53)
             if count == 0:
-                u[j, i] = unit
+                w[j * stride + i] = unit
             else:
                 word = chosen[i]
                 amplitude = float64_from_bits((np.uint64(1023 - 4) - (word & np.uint64(7))) << np.uint64(52))
                 moved = (word >> np.uint64(8 + j % 32)) & np.uint64(1) > np.uint64(0)
                 v = abs(parents[parent[i], j] + select(moved, amplitude * (2.0 * unit - 1.0), 0.0))
-                u[j, i] = select(v > 1.0, 2.0 - v, v)
+                w[j * stride + i] = select(v > 1.0, 2.0 - v, v)
 
 
 @compiled
@@ -305,11 +308,10 @@ def explore(first, size, key, occupied, parents, p, w, affines, layout, slots, u
     x, y, z, raw = {dof} * {stride}, ({dof} + 1) * {stride}, ({dof} + 2) * {stride}, ({dof} + 3) * {stride}
     for start in range(0, size, {block}):
         n = min({block}, size - start)
-        part = u[:, start : start + n]
-        propose(part, first + start, key, occupied, parents)
+        propose(w, {stride}, {dof}, n, first + start, key, occupied, parents)
         for j in range({dof}):
             for s in range(n):
-                w[j * {stride} + s] = part[j, s]
+                u[j, start + s] = w[j * {stride} + s]
         block(w, p)
         for t in range(layout.shape[0]):
             to_slots(w[x : x + n], w[y : y + n], w[z : z + n], w[raw : raw + n],
