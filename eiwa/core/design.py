@@ -178,7 +178,7 @@ def _section(
         if model is None:
             continue
         try:
-            parameters = validated(model, part, section)
+            parameters = validated(model, part, section, registry.folder)
         except SpecError as error:
             problems.extend(error.findings)
             continue
@@ -200,5 +200,6 @@ def _metrics(tree: Tree, registry: Registry, needed: frozenset[str]) -> dict[str
     metrics = {}
     for name in names:
         plugin = registry.find("metrics", name, f"metrics.{name}")
-        metrics[name] = (plugin, validated(plugin.parameters, tables.get(name, {}), f"metrics.{name}"))
+        parameters = validated(plugin.parameters, tables.get(name, {}), f"metrics.{name}", registry.folder)
+        metrics[name] = (plugin, parameters)
     return metrics

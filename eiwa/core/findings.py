@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -14,8 +15,8 @@ from eiwa.core.tree import did_you_mean
 M = TypeVar("M", bound=Parameters)
 
 
-def validated(model: type[M], table: Any, path: str) -> M:
-    """The table as its model.
+def validated(model: type[M], table: Any, path: str, folder: Path = Path()) -> M:
+    """The table as its model; files that it names are looked for in ``folder``.
 
     Raises
     ------
@@ -25,7 +26,7 @@ def validated(model: type[M], table: Any, path: str) -> M:
     if not isinstance(table, dict):
         raise SpecError(finding(path, f"must be a table: write [{path.split('.')[0]}].", value=table))
     try:
-        return model.model_validate(table)
+        return model.model_validate(table, context={"folder": folder})
     except ValidationError as error:
         lines: dict[str, list[Any]] = {}
         for item in error.errors(include_url=False):

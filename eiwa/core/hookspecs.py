@@ -14,7 +14,11 @@ from typing import Any
 import pluggy
 from pydantic import BaseModel, ConfigDict, Field
 
+from eiwa.core.datafile import DataFile, FileParameter
+
 PROJECT = "eiwa"
+__all__ = ["DataFile", "FileParameter", "Number", "Parameters", "Plugin", "hookimpl", "quantity"]
+
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
 

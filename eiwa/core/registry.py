@@ -66,6 +66,8 @@ class Registry:
     broken: list[Broken] = field(default_factory=list)
     digests: dict[str, str] = field(default_factory=dict)
     """Local files -> hash of their bytes."""
+    folder: Path = Path()
+    """Where files that parameters name are looked for: the study file's folder."""
 
     def find(self, kind: str, name: str, path: str) -> Plugin:
         """The record of a kind and name, asked for at a TOML path.
@@ -158,9 +160,9 @@ class Registry:
         self.add(module, name, f"sha256:{digest}")
 
 
-def load(files: Sequence[tuple[Path, str, str]] = ()) -> Registry:
+def load(files: Sequence[tuple[Path, str, str]] = (), folder: Path = Path()) -> Registry:
     """The registry of built-ins, installed plugins, and local files given as (path, name, TOML path)."""
-    registry = Registry()
+    registry = Registry(folder=folder)
     for name in BUILT_IN:
         registry.add(importlib.import_module(name), name, __version__)
     for entry_point in sorted(entry_points(group=PROJECT), key=lambda e: e.name):

@@ -162,7 +162,7 @@ def check(tree: Tree, path: Path) -> StudySpec:
     unknown = [finding(key, f"unknown table{did_you_mean(key, TABLES)}") for key in tree if key not in TABLES]
     if unknown:
         raise SpecError(*unknown)
-    registry = plugins.load(_plugin_files(tree, path))
+    registry = plugins.load(_plugin_files(tree, path), path.parent)
     findings: list[str] = []
     base: Design | None = None
     try:
