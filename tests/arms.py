@@ -145,7 +145,8 @@ def gantry(*limits):
 def forward(arm, q):
     """Tips, orientations and Jacobians from the formulas on NumPy columns."""
     q = np.asarray(q, float)
-    columns = arm.at(as_columns(q), as_columns(q), list(arm.constants[2 * arm.dof :]))
+    half_turns = q / np.where([joint.kind == "revolute" for joint in arm.movable], np.pi, 1.0)
+    columns = arm.at(as_columns(q), as_columns(half_turns), list(arm.constants[2 * arm.dof :]))
 
     def stacked(entries):
         return np.stack([np.broadcast_to(entry, len(q)) for entry in entries], axis=-1)

@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.interfaces import ArmColumns, Array, TracedArm, compiled_map
-from eiwa.core.symbols import Column, cross, sincos
+from eiwa.core.symbols import Column, Symbol, cross, sincospi
 from eiwa.core.transforms import Transform, align_z, frozen, inverse
 
 MAX_JOINTS = 12
 
+Vector = Sequence[Column]
 Kind = Literal["revolute", "prismatic", "fixed"]
 
 
@@ -120,9 +121,14 @@ class SerialChain(TracedArm):
 
     @cached_property
     def constants(self) -> NDArray[np.float64]:  # type: ignore[override]
-        """Ranges of the joints, then the free entries of the fixed transforms."""
-        ranges = np.stack([self.lower, self.upper - self.lower], axis=1).ravel()
-        return frozen(np.concatenate([ranges, self.Ts_fixed[:, :3, :][self._free]]))
+        """Ranges of the joints (half turns or m), then the free entries of the fixed transforms."""
+        ranges = np.stack([self.lower, self.upper - self.lower], axis=1) / self._units[:, None]
+        return frozen(np.concatenate([ranges.ravel(), self.Ts_fixed[:, :3, :][self._free]]))
+
+    @cached_property
+    def _units(self) -> NDArray[np.float64]:
+        """rad per half turn for revolute joints, which saves the reduction of angles; 1 m for prismatic ones."""
+        return frozen([np.pi if joint.kind == "revolute" else 1.0 for joint in self.movable])
 
     @cached_property
     def structure(self) -> Hashable:  # type: ignore[override]
@@ -147,34 +153,61 @@ class SerialChain(TracedArm):
 
     def columns(self, u: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
         """Joint values from the unit cube, then :meth:`at`."""
-        q = [p[2 * j] + u[j] * p[2 * j + 1] for j in range(self.dof)]
-        return self.at(u, q, p[2 * self.dof :])
+        return self.at(u, [p[2 * j] + u[j] * p[2 * j + 1] for j in range(self.dof)], p[2 * self.dof :])
 
-    def at(self, u: Sequence[Column], q: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
-        """Forward map and geometric Jacobian at joint values ``q``, on columns."""
+    def at(self, u: Sequence[Column], h: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
+        """Forward map and geometric Jacobian on columns, at joint values ``h`` in half turns or m."""
         fixed = self._fixed_columns(list(p))
         R: list[list[Column]] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
         o: list[Column] = [0.0, 0.0, 0.0]
-        axes, origins = [], []
+        axes: list[Vector] = []
+        points: list[list[Vector]] = []
         for j, joint in enumerate(self.movable):
+            before = o
             R, o = _compose(R, o, *fixed[j])
-            axis = [row[2] for row in R]
-            axes.append(axis)
-            origins.append(o)
+            axes.append([row[2] for row in R])
+            points.append([o, before] if _along_z(*fixed[j]) else [o])
+            if j > 0 and _on_z(fixed[j][1]):
+                points[j - 1].append(o)
             if joint.kind == "revolute":
-                s, c = sincos(q[j])
+                s, c = sincospi(h[j])
                 R = [[c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]] for r in R]
             else:
-                o = [a + q[j] * z for a, z in zip(o, axis, strict=True)]
+                o = [a + h[j] * z for a, z in zip(o, axes[j], strict=True)]
         R, tip = _compose(R, o, *fixed[-1])
-        twists = [self._twist(j, axes[j], origins[j], tip) for j in range(self.dof)]
-        jacobian = [[twist[row] for twist in twists] for row in range(6)]
-        return ArmColumns(u=u, q=q, tip=tip, rotation=R, jacobian=jacobian, limited=self.limited)
+        if _on_z(fixed[-1][1]):
+            points[-1].append(tip)
+        return ArmColumns(
+            u=u,
+            q=[unit * value if unit != 1.0 else value for unit, value in zip(self._units.tolist(), h, strict=True)],
+            tip=tip,
+            rotation=R,
+            jacobian=self._jacobian(tip, axes, points),
+            limited=self.limited,
+            reduced=self._jacobian(self._meeting_point(tip, points), axes, points) if self.dof >= 6 else None,
+        )
 
-    def _twist(self, j: int, axis: list[Column], origin: list[Column], tip: list[Column]) -> list[Column]:
-        if self.movable[j].kind == "prismatic":
-            return [*axis, 0.0, 0.0, 0.0]
-        return [*cross(axis, [t - a for t, a in zip(tip, origin, strict=True)]), *axis]
+    def _jacobian(self, reference: Vector, axes: list[Vector], points: list[list[Vector]]) -> list[list[Column]]:
+        """The geometric Jacobian at a point; a column's linear part vanishes where the axis is known to pass through it."""
+        twists: list[list[Column]] = []
+        for joint, axis, on_axis in zip(self.movable, axes, points, strict=True):
+            if joint.kind == "prismatic":
+                twists.append([*axis, 0.0, 0.0, 0.0])
+            elif any(_same(point, reference) for point in on_axis):
+                twists.append([0.0, 0.0, 0.0, *axis])
+            else:
+                lever = [a - b for a, b in zip(reference, on_axis[0], strict=True)]
+                twists.append([*cross(axis, lever), *axis])
+        return [[twist[row] for twist in twists] for row in range(6)]
+
+    def _meeting_point(self, tip: Vector, points: list[list[Vector]]) -> Vector:
+        """The point through which most revolute axes pass; the tip, if none is better."""
+
+        def axes_through(point: Vector) -> int:
+            turning = (p for joint, p in zip(self.movable, points, strict=True) if joint.kind == "revolute")
+            return sum(any(_same(point, other) for other in on_axis) for on_axis in turning)
+
+        return max([tip, *(point for on_axis in points for point in on_axis)], key=axes_through)
 
     def _fixed_columns(self, p: list[Column]) -> list[tuple[list[list[Column]], list[Column]]]:
         """Rotation and translation of every fixed transform, folded entries as floats, the others from ``p``."""
@@ -214,7 +247,7 @@ class SerialChain(TracedArm):
         return out[:, :3], out[:, 3:12].reshape(n, 3, 3), out[:, 12:].reshape(n, 6, dof)
 
     def _forward_columns(self, q: Sequence[Column], p: Sequence[Column]) -> list[Column]:
-        arm = self.at(q, q, p)
+        arm = self.at(q, [value * (1.0 / unit) for value, unit in zip(q, self._units.tolist(), strict=True)], p)
         return [
             *arm.tip,
             *(e for row in arm.rotation for e in row),
@@ -227,6 +260,31 @@ def _compose(R: list[list[Column]], o: list[Column], Rf: list[list[Column]], tf:
     origin = [o[i] + _row_times(R[i], tf) for i in range(3)]
     rotation = [[_row_times(R[i], [Rf[k][j] for k in range(3)]) for j in range(3)] for i in range(3)]
     return rotation, origin
+
+
+def _along_z(Rf: list[list[Column]], tf: list[Column]) -> bool:
+    """Whether a fixed transform is known to move along its own z axis, which then passes through its parent's origin."""
+    z = [row[2] for row in Rf]
+    return all(_is(t, 0.0) or _is(a, 1.0) or _is(a, -1.0) for t, a in zip(tf, z, strict=True))
+
+
+def _on_z(tf: list[Column]) -> bool:
+    """Whether a translation is known to be along its parent's z axis."""
+    return _is(tf[0], 0.0) and _is(tf[1], 0.0)
+
+
+def _is(x: Column, number: float) -> bool:
+    return isinstance(x, float) and x == number
+
+
+def _same(a: Vector, b: Vector) -> bool:
+    """Whether two points are known to be the same."""
+    return all(
+        x is y
+        or (isinstance(x, Symbol) and isinstance(y, Symbol) and x.index == y.index)
+        or (isinstance(x, float) and isinstance(y, float) and x == y)
+        for x, y in zip(a, b, strict=True)
+    )
 
 
 def _row_times(row: Sequence[Column], vector: Sequence[Column]) -> Column:

@@ -13,10 +13,14 @@ from typing import Any, TypeVar
 import numba
 from llvmlite import binding, ir
 from numba import types
+from numba.core.cgutils import get_or_insert_function
 from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+LANES = 16
+"""Entries that :func:`compress` handles at once."""
 FASTMATH = {"contract", "nsz", "arcp", "nnan", "ninf"}
 
 
@@ -60,6 +64,33 @@ def floor(typing: Any, x: Any) -> Any:
 
 
 @intrinsic  # type: ignore[untyped-decorator]
+def flip(typing: Any, x: Any, shifted: Any) -> Any:
+    """x with its sign flipped where the lowest bit of ``shifted``'s representation is set."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        bits = 64 if args[0].type == ir.DoubleType() else 32
+        word = ir.IntType(bits)
+        sign = builder.shl(builder.bitcast(args[1], word), word(bits - 1))
+        return builder.bitcast(builder.xor(builder.bitcast(args[0], word), sign), args[0].type)
+
+    return x(x, x), build
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def power(typing: Any, shifted: Any) -> Any:
+    """2^n for the small integer n in the lowest bits of ``shifted``'s representation."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        bits, fraction = (64, 52) if args[0].type == ir.DoubleType() else (32, 23)
+        word = ir.IntType(bits)
+        bias = word((1 << (bits - fraction - 2)) - 1 << fraction)
+        exponent = builder.shl(builder.bitcast(args[0], word), word(fraction))
+        return builder.bitcast(builder.add(exponent, bias), args[0].type)
+
+    return shifted(shifted), build
+
+
+@intrinsic  # type: ignore[untyped-decorator]
 def float64_from_bits(typing: Any, bits: Any) -> Any:
     """The double with these 64 bits."""
 
@@ -77,3 +108,36 @@ def float32_from_bits(typing: Any, bits: Any) -> Any:
         return builder.bitcast(builder.trunc(args[0], ir.IntType(32)), ir.FloatType())
 
     return types.float32(types.uint64), build
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def compress(typing: Any, cells: Any, picks: Any, start: Any, count: Any, offset: Any) -> Any:
+    """Move those of 16 int32 ``cells`` from ``start`` on that are not negative to ``count``, ``offset`` added.
+
+    Their numbers go into ``picks``. Returns the new count; the 16 entries behind the old one are overwritten.
+    """
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        i32 = ir.IntType(32)
+        lanes, mask_type = ir.VectorType(i32, LANES), ir.VectorType(ir.IntType(1), LANES)
+        zeros = ir.Constant(lanes, [0] * LANES)
+        arrays = [make_array(kind)(context, builder, a) for kind, a in zip(signature.args[:2], args[:2], strict=True)]
+        _, _, first, total, shift = args
+
+        def splat(x: Any) -> Any:
+            one = builder.insert_element(ir.Constant(lanes, ir.Undefined), builder.trunc(x, i32), i32(0))
+            return builder.shuffle_vector(one, ir.Constant(lanes, ir.Undefined), zeros)
+
+        def at(array: Any, index: Any) -> Any:
+            return builder.bitcast(builder.gep(array.data, [index]), lanes.as_pointer())
+
+        block = builder.load(at(arrays[0], first), align=4)
+        mask = builder.icmp_signed(">=", block, zeros)
+        numbers = builder.add(ir.Constant(lanes, list(range(LANES))), splat(first))
+        operation = ir.FunctionType(lanes, [lanes, mask_type, lanes])
+        chosen = get_or_insert_function(builder.module, operation, f"llvm.experimental.vector.compress.v{LANES}i32")
+        for array, values in zip(arrays, (builder.add(block, splat(shift)), numbers), strict=True):
+            builder.store(builder.call(chosen, [values, mask, zeros]), at(array, total), align=4)
+        return builder.add(total, builder.zext(builder.ctpop(builder.bitcast(mask, ir.IntType(16))), total.type))
+
+    return types.int64(cells, picks, types.int64, types.int64, types.int64), build

@@ -24,15 +24,13 @@ from eiwa.core.compiled import compiled, float64_from_bits, select
 from eiwa.core.dexterity import Family
 from eiwa.core.filling import Filled, Sampling
 from eiwa.core.interfaces import Array
-from eiwa.core.kernel import STRIDE, on_all_threads, scratch
+from eiwa.core.kernel import STRIDE, on_all_threads, scratch, thread_count
 from eiwa.core.sampling import BLOCK, Stream
 from eiwa.core.workspace import Target, packed
 
 FIRST = 1 << 17
 """Evaluations of the plain first pass."""
 GENERATION = 1 << 13
-SHARE = 1 << 11
-"""Candidates that one thread takes at a time."""
 COARSEST, SCALES = 4, 8
 """Mutations have amplitudes 2^-4 ... 2^-11 of a joint's range."""
 GROWTH = 2.0**0.25
@@ -171,43 +169,24 @@ def _explorer(
     affines, layout = packed(targets, dtype)
     layout[:, 3] = 0
     scales = family.scales(dtype)
-    evaluate = _fused(family, affines, layout, archives.slots, stream, dtype) if family.traced else None
-    buffers = [
-        np.empty((dof, FIRST), dtype),
-        np.empty((len(targets), FIRST), np.int32),
-        np.empty((members, FIRST), dtype),
-    ]
+    evaluate = (_fused if family.traced else _by_arrays)(family, affines, layout, archives.slots, stream, dtype)
+    parents = archives.elites.reshape(-1, dof)
+    u = np.empty((dof, FIRST), dtype)
+    slots, raws = np.empty((len(targets), FIRST), np.int32), np.empty((members, FIRST), dtype)
+    occupied = np.zeros(0, np.int64)
 
     def explore(first: int, size: int) -> None:
-        occupied = np.flatnonzero(archives.best.ravel() >= 0) if first else np.zeros(0, np.int64)
-        parents = archives.elites.reshape(-1, dof)
-        u, slots, raws = buffers
+        nonlocal occupied
+        share = -(-size // (thread_count() * BLOCK)) * BLOCK
 
         def work(start: int) -> None:
-            stop = min(start + SHARE, size)
-            part = slice(start, stop)
-            if evaluate is not None:
-                evaluate(first + start, stop - start, occupied, parents, u[:, part], slots[:, part], raws[:, part])
-                return
-            rows = np.empty((dof, stop - start))
-            propose(
-                rows.ravel(), stop - start, dof, stop - start, first + start, np.uint64(stream.key), occupied, parents
-            )
-            u[:, part] = rows
-            tips, raw = family.evaluate(np.ascontiguousarray(u[:, part].T))
-            x, y, z = (np.ascontiguousarray(tips[:, i], dtype) for i in range(3))
-            raws[:, part] = raw.T
-            for t in range(len(targets)):
-                to_slots(x, y, z, raws[0, part], affines[t], layout[t], archives.slots, slots[t, part])
+            part = slice(start, min(start + share, size))
+            evaluate(first + start, occupied, parents, u[:, part], slots[:, part], raws[:, part])
 
-        on_all_threads(work, range(0, size, SHARE))
-        pairs = [(t, m) for t in range(len(targets)) for m in range(members)]
-
-        def credit(pair: tuple[int, int]) -> None:
-            t, m = pair
-            merge(archives.best[t, m], archives.elites[t, m], slots[t, :size], raws[m, :size], scales[m], u)
-
-        on_all_threads(credit, pairs)
+        on_all_threads(work, range(0, size, share))
+        opened = merge(archives.best, archives.elites, slots[:, :size], raws[:, :size], scales, u)
+        if opened:
+            occupied = np.flatnonzero(archives.best.ravel() >= 0)
 
     return explore
 
@@ -221,25 +200,26 @@ def propose(w: Any, stride: Any, dof: Any, n: Any, first: Any, key: Any, occupie
     """
     gamma, words = np.uint64(0x9E3779B97F4A7C15), np.uint64(dof + 1)
     count = occupied.shape[0]
-    chosen = np.empty(n, np.uint64)
-    parent = np.zeros(n, np.int64)
     turn = first % max(count, 1)
-    for i in range(n):
-        chosen[i] = mixed(key + gamma * (np.uint64(first + i) * words))
-        if count > 0:
-            parent[i] = occupied[turn]
-            turn = turn + 1 if turn + 1 < count else 0
+    for i in range(n if count > 0 else 0):
+        parent = occupied[turn]
+        turn = turn + 1 if turn + 1 < count else 0
+        for j in range(dof):
+            w[j * stride + i] = parents[parent, j]
+    # Nothing but w is read or written from here on, so that the loops vectorise.
     for j in range(dof):
+        bit = np.uint64(8 + j % 32)
         for i in range(n):
-            bits = mixed(key + gamma * (np.uint64(first + i) * words + np.uint64(j + 1)))
+            start = key + gamma * (np.uint64(first + i) * words)
+            bits = mixed(start + gamma * np.uint64(j + 1))
             unit = float64_from_bits((bits >> np.uint64(12)) | np.uint64(0x3FF0000000000000)) - (1.0 - 2.0**-53)
             if count == 0:
                 w[j * stride + i] = unit
             else:
-                word = chosen[i]
+                word = mixed(start)
                 amplitude = float64_from_bits((np.uint64(1023 - 4) - (word & np.uint64(7))) << np.uint64(52))
-                moved = (word >> np.uint64(8 + j % 32)) & np.uint64(1) > np.uint64(0)
-                v = abs(parents[parent[i], j] + select(moved, amplitude * (2.0 * unit - 1.0), 0.0))
+                moved = (word >> bit) & np.uint64(1) > np.uint64(0)
+                v = abs(w[j * stride + i] + select(moved, amplitude * (2.0 * unit - 1.0), 0.0))
                 w[j * stride + i] = select(v > 1.0, 2.0 - v, v)
 
 
@@ -252,10 +232,11 @@ def mixed(z: Any) -> Any:
 
 
 @compiled
-def to_slots(x: Any, y: Any, z: Any, raw: Any, affine: Any, layout: Any, slots: Any, out: Any) -> None:
-    """The archive slot that each tip falls into, -1 for none."""
+def to_slots(
+    x: Any, y: Any, z: Any, raw: Any, affine: Any, layout: Any, slots: Any, cells: Any, picks: Any, out: Any
+) -> None:
+    """The archive slot that each tip falls into, -1 for none; ``cells`` and ``picks`` are scratch."""
     n = x.shape[0]
-    cells, picks = np.empty(n, np.int32), np.empty(n, np.int32)
     count = workspace.locate(x, y, z, raw, n, affine, layout, cells, picks)
     out[:] = -1
     for s in range(count):
@@ -263,14 +244,46 @@ def to_slots(x: Any, y: Any, z: Any, raw: Any, affine: Any, layout: Any, slots: 
 
 
 @compiled
-def merge(best: Any, elites: Any, slots: Any, raw: Any, scale: Any, u: Any) -> None:
-    """Credit candidates in the order of their numbers; a tie keeps the earlier one."""
-    for i in range(slots.shape[0]):
-        slot = slots[i]
-        if slot >= 0 and raw[i] * scale > best[slot]:
-            best[slot] = raw[i] * scale
-            for j in range(u.shape[0]):
-                elites[slot, j] = u[j, i]
+def merge(best: Any, elites: Any, slots: Any, raws: Any, scales: Any, u: Any) -> Any:
+    """Credit candidates in the order of their numbers; a tie keeps the earlier one. Returns how many cells are new."""
+    opened = 0
+    for t in range(slots.shape[0]):
+        for m in range(raws.shape[0]):
+            for i in range(slots.shape[1]):
+                slot = slots[t, i]
+                if slot >= 0:
+                    value, before = raws[m, i] * scales[m], best[t, m, slot]
+                    if value > before:
+                        opened += before < 0.0
+                        best[t, m, slot] = value
+                        for j in range(u.shape[0]):
+                            elites[t, m, slot, j] = u[j, i]
+    return opened
+
+
+def _by_arrays(
+    family: Family,
+    affines: Array,
+    layout: NDArray[np.int64],
+    slots: NDArray[np.int32],
+    stream: Stream,
+    dtype: np.dtype[Any],
+) -> Callable[..., None]:
+    """Proposal, kinematics, indices and location of a share of candidates, for plugins in plain NumPy."""
+    dof, key = family.arm.dof, np.uint64(stream.key)
+
+    def evaluate(first: int, occupied: Any, parents: Any, u: Any, out: Any, raws: Any) -> None:
+        n = u.shape[1]
+        rows, room = np.empty((dof, n)), np.empty((2, n), np.int32)
+        propose(rows.ravel(), n, dof, n, first, key, occupied, parents)
+        u[:] = rows
+        tips, raw = family.evaluate(np.ascontiguousarray(u.T))
+        x, y, z = (np.ascontiguousarray(tips[:, i], dtype) for i in range(3))
+        raws[:] = raw.T
+        for t, affine in enumerate(affines):
+            to_slots(x, y, z, raws[0], affine, layout[t], slots, room[0], room[1], out[t])
+
+    return evaluate
 
 
 def _fused(
@@ -281,14 +294,14 @@ def _fused(
     stream: Stream,
     dtype: np.dtype[Any],
 ) -> Callable[..., None]:
-    """Proposal, kinematics, indices and location as one kernel."""
+    """The same as one kernel."""
     source = _EXPLORE.format(block=BLOCK, stride=STRIDE[dtype], dof=family.arm.dof, members=len(family.members))
     kernel = family.kernel(dtype, source, (sampling, workspace, _this_module()))
     constants, key = family.constants, np.uint64(stream.key)
 
-    def evaluate(first: int, size: int, occupied: Any, parents: Any, u: Any, out: Any, raws: Any) -> None:
-        w = scratch(kernel.rows, dtype)
-        kernel.module.explore(first, size, key, occupied, parents, constants, w, affines, layout, slots, u, out, raws)
+    def evaluate(first: int, occupied: Any, parents: Any, u: Any, out: Any, raws: Any) -> None:
+        w, room = scratch(kernel.rows, dtype), np.empty((2, BLOCK), np.int32)
+        kernel.module.explore(first, key, occupied, parents, constants, w, affines, layout, slots, *room, u, out, raws)
 
     return evaluate
 
@@ -304,7 +317,8 @@ from eiwa.core.elites import propose, to_slots
 
 
 @compiled
-def explore(first, size, key, occupied, parents, p, w, affines, layout, slots, u, out, raws):
+def explore(first, key, occupied, parents, p, w, affines, layout, slots, cells, picks, u, out, raws):
+    size = u.shape[1]
     x, y, z, raw = {dof} * {stride}, ({dof} + 1) * {stride}, ({dof} + 2) * {stride}, ({dof} + 3) * {stride}
     for start in range(0, size, {block}):
         n = min({block}, size - start)
@@ -315,7 +329,7 @@ def explore(first, size, key, occupied, parents, p, w, affines, layout, slots, u
         block(w, p)
         for t in range(layout.shape[0]):
             to_slots(w[x : x + n], w[y : y + n], w[z : z + n], w[raw : raw + n],
-                     affines[t], layout[t], slots, out[t, start : start + n])
+                     affines[t], layout[t], slots, cells, picks, out[t, start : start + n])
         for m in range({members}):
             for s in range(n):
                 raws[m, start + s] = w[raw + m * {stride} + s]

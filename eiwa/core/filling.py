@@ -95,14 +95,13 @@ def fill(
     stores = [backend.open(cells) for _ in range(threads)]
 
     def deposit(first: int, last: int) -> None:
-        starts = list(range(first, last, CHUNK))
-        shares = [starts[t::threads] for t in range(threads)]
+        starts = iter(range(first, last, CHUNK))
 
-        def work(share: list[int], store: Any) -> None:
-            for start in share:
+        def work(store: Any) -> None:
+            for start in starts:
                 flow(start, min(start + CHUNK, last), recorded, store)
 
-        on_all_threads(work, shares, stores)
+        on_all_threads(work, stores)
 
     def read() -> Array:
         merged = stores[0]
@@ -236,7 +235,8 @@ def flow(first, last, key, table, p, w, scales, thresholds, affines, layout, tot
             for member in range({members}):
                 normalise(w[raw : raw + {block}], picks, count, scales[member], thresholds[member], values)
                 deposit(store, cells, values, count)
-                for s in range(count):
-                    cells[s] += total
+                if member + 1 < {members}:
+                    for s in range(count):
+                        cells[s] += total
                 raw += {stride}
 """

@@ -47,7 +47,11 @@ class Postures:
 
 @dataclass(frozen=True)
 class ArmColumns:
-    """The same as :class:`Postures`, as columns: ``jacobian[row][joint]``, ``rotation[row][column]``."""
+    """The same as :class:`Postures`, as columns: ``jacobian[row][joint]``, ``rotation[row][column]``.
+
+    ``reduced``: the Jacobian at a reference point of the arm's choice instead of the tip, where more of its entries are
+    zero; with six joints or more, all six rows together have the same volume there. None: no better point is known.
+    """
 
     u: Sequence[Column]
     q: Sequence[Column]
@@ -56,6 +60,7 @@ class ArmColumns:
     jacobian: Sequence[Sequence[Column]]
     limited: tuple[bool, ...]
     valid: Column = True
+    reduced: Sequence[Sequence[Column]] | None = None
 
     @classmethod
     def of(cls, postures: Postures) -> ArmColumns:

@@ -17,7 +17,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -54,11 +54,28 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def on_all_threads(work: Callable[..., Any], *arguments: Sequence[Any]) -> list[Any]:
-    """``list(map(work, *arguments))``, on the threads of :func:`thread_count`."""
-    nested = threading.current_thread().name.startswith("eiwa")
-    if nested or len(arguments[0]) < 2 or thread_count() == 1:
-        return list(map(work, *arguments))
-    return list(_pool(thread_count()).map(work, *arguments))
+    """``list(map(work, *arguments))``, on the threads of :func:`thread_count`, of which the caller's is one.
+
+    Whoever is free takes the next item, so that a thread that the system starts late holds nobody up.
+    """
+    items = list(zip(*arguments, strict=True))
+    threads = 1 if threading.current_thread().name.startswith("eiwa") else min(thread_count(), len(items))
+    results: list[Any] = [None] * len(items)
+    numbers = iter(range(len(items)))
+
+    def take() -> None:
+        for number in numbers:
+            results[number] = work(*items[number])
+
+    others = [_pool(thread_count() - 1).submit(take) for _ in range(threads - 1)]
+    try:
+        take()
+    finally:
+        begun = [other for other in others if not other.cancel()]
+        wait(begun)
+    for other in begun:
+        other.result()
+    return results
 
 
 def scratch(rows: int, dtype: np.dtype[Any]) -> NDArray[Any]:
@@ -116,6 +133,8 @@ _TEMPLATES = {
     "le": "{} <= {}",
     "and": "{} & {}",
     "select": "select({}, {}, {})",
+    "flip": "flip({}, {})",
+    "power": "power({})",
 }
 
 _HEADER = """# Written by eiwa; the file's name is the hash of all that this code depends on.
@@ -123,7 +142,7 @@ import math
 
 import numpy as np
 
-from eiwa.core.compiled import compiled, floor, select
+from eiwa.core.compiled import compiled, flip, floor, power, select
 """
 
 

@@ -13,28 +13,35 @@ Matrix = Sequence[Sequence[Column]]
 def volume(A: Matrix) -> Column:
     """Product of all singular values of A: sqrt det(A At) when wide, sqrt det(At A) when tall, |det A| when square.
 
-    A square matrix goes through its minors, which keep full accuracy near a singularity; any other through
-    Gram-Schmidt on its shorter side, since a Gram matrix would square the condition number.
+    Up to one column or row more than square goes through the largest minors (their squares sum to the Gram determinant,
+    by Cauchy and Binet), which keep full accuracy near a singularity and lose every term of a zero; anything longer
+    through Gram-Schmidt on its shorter side, since a Gram matrix would square the condition number.
     """
-    rows, columns = len(A), len(A[0])
-    if rows == columns:
-        return absolute(determinant(A))
-    vectors = [list(row) for row in A] if rows < columns else [list(column) for column in zip(*A, strict=True)]
-    squares = orthogonal_squares(vectors)
+    wide = A if len(A) <= len(A[0]) else list(zip(*A, strict=True))
+    if len(wide) == len(wide[0]):
+        return absolute(determinant(wide))
+    if len(wide) + 1 == len(wide[0]):
+        minors = [minor for minor in largest_minors(wide).values() if not _is_zero(minor)]
+        return sqrt(dot(minors, minors)) if minors else 0.0
+    squares = orthogonal_squares([list(row) for row in wide])
     lengths = [sqrt(product(squares[k : k + 3])) for k in range(0, len(squares), 3)]
     return product(lengths)
 
 
 def determinant(A: Matrix) -> Column:
-    """Determinant by Laplace expansion along the rows, every minor computed once."""
-    n = len(A)
+    """Determinant of a square matrix."""
+    return largest_minors(A)[tuple(range(len(A)))]
+
+
+def largest_minors(A: Matrix) -> dict[tuple[int, ...], Column]:
+    """Determinants of A's rows over every choice of as many columns, by Laplace expansion, each minor computed once."""
     minors: dict[tuple[int, ...], Column] = {(): 1.0}
-    for k in range(n):
+    for k, row in enumerate(A):
         minors = {
-            chosen: _expand(A[k], chosen, minors, sign=1.0 if k % 2 == 0 else -1.0)
-            for chosen in combinations(range(n), k + 1)
+            chosen: _expand(row, chosen, minors, sign=1.0 if k % 2 == 0 else -1.0)
+            for chosen in combinations(range(len(row)), k + 1)
         }
-    return minors[tuple(range(n))]
+    return minors
 
 
 def _expand(
@@ -43,10 +50,14 @@ def _expand(
     total: Column = 0.0
     for position, j in enumerate(chosen):
         rest = chosen[:position] + chosen[position + 1 :]
-        term = row[j] * minors[rest]
+        term = row[j] * minors[rest] if not _is_zero(minors[rest]) else 0.0
         total = total + term if sign > 0 else total - term
         sign = -sign
     return total
+
+
+def _is_zero(x: Column) -> bool:
+    return isinstance(x, float | int) and x == 0
 
 
 def orthogonal_squares(vectors: list[list[Column]]) -> list[Column]:

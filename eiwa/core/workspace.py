@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.compiled import compiled, floor
+from eiwa.core.compiled import LANES, compiled, compress, floor
 from eiwa.core.transforms import Transform
 
 
@@ -82,7 +82,7 @@ def locate(x: Any, y: Any, z: Any, raw: Any, n: Any, affine: Any, layout: Any, c
     """Which of n tips fall into one target, and into which of its cells.
 
     Samples without a solution (``raw`` < 0) are dropped. Returns how many entries of ``cells`` (with the target's
-    offset) and ``picks`` (sample numbers) were written.
+    offset) and ``picks`` (sample numbers) were written; both have at least n.
     """
     nx, ny, nz = np.int32(layout[0]), np.int32(layout[1]), np.int32(layout[2])
     zero, one = np.int32(0), np.int32(1)
@@ -96,12 +96,12 @@ def locate(x: Any, y: Any, z: Any, raw: Any, n: Any, affine: Any, layout: Any, c
         inside = (i >= zero) & (i < nx) & (j >= zero) & (j < ny) & (k >= zero) & (k < nz) & (raw[s] >= 0)
         cell = (i * ny + j) * nz + k
         cells[s] = cell if inside else -one
-    offset = layout[3]
-    count = 0
-    for s in range(n):
-        cell = cells[s]
-        if cell >= 0:
-            cells[count] = cell + offset
+    count, whole = 0, n - n % LANES
+    for s in range(0, whole, LANES):
+        count = compress(cells, picks, s, count, layout[3])
+    for s in range(whole, n):
+        if cells[s] >= 0:
+            cells[count] = cells[s] + layout[3]
             picks[count] = s
             count += 1
     return count

@@ -6,8 +6,10 @@ import pytest
 
 from eiwa.core.chain import Joint, SerialChain
 from eiwa.core.errors import SpecError
+from eiwa.core.linear import volume
 from eiwa.core.optimum import maximum, pilot_points
 from eiwa.core.sampling import Stream
+from eiwa.core.symbols import Tape
 from eiwa.core.transforms import inverse, roll_pitch_yaw, rotation_x, translation
 from tests import arms
 from tests.arms import ROTATION, TRANSLATION, forward, manipulability, printed
@@ -345,13 +347,35 @@ def test_results_do_not_depend_on_the_threads(threads, monkeypatch):
 
 def test_postures_map_the_unit_cube_to_the_ranges():
     arm = arms.paper(limits=(-1.0, 2.0))
-    np.testing.assert_array_equal(arm.postures(np.array([[0.0] * 6, [1.0] * 6])).q, [[-1.0] * 6, [2.0] * 6])
+    q = arm.postures(np.array([[0.0] * 6, [1.0] * 6])).q
+    np.testing.assert_allclose(q, [[-1.0] * 6, [2.0] * 6], rtol=4e-16)
 
 
 def test_postures_agree_with_forward():
     arm = arms.paper(limits=(-1.0, 2.0))
     at = arm.postures(np.random.default_rng(0).uniform(size=(100, 6)))
     np.testing.assert_allclose(at.jacobians, arm.forward(at.q)[2], atol=1e-15)
+
+
+@pytest.mark.parametrize("seed", [seed for seed in range(50) if random_chain(seed).dof >= 6])
+def test_the_reduced_jacobian_has_the_volume_of_the_jacobian(seed):
+    arm = random_chain(seed)
+    for h in np.random.default_rng(seed).uniform(-1, 1, (5, arm.dof)).tolist():
+        columns = arm.at(h, h, arm.constants[2 * arm.dof :].tolist())
+        assert volume(columns.reduced) == pytest.approx(volume(columns.jacobian), rel=1e-9, abs=1e-12)
+
+
+MEETING = {"paper": (arms.paper, 3), "puma": (arms.puma, 3), "panda": (arms.panda, 3), "mtm": (arms.mtm, 4)}
+
+
+@pytest.mark.parametrize(("arm", "axes"), MEETING.values(), ids=MEETING)
+def test_the_reduced_jacobian_is_taken_where_most_axes_meet(arm, axes):
+    """Shoulder or wrist: the linear part of as many columns is known to vanish."""
+    arm, tape = arm(), Tape()
+    u = [tape.node("input", j) for j in range(arm.dof)]
+    p = [tape.node("parameter", k) for k in range(len(arm.constants))]
+    linear = list(zip(*arm.columns(u, p).reduced[:3], strict=True))
+    assert sum(column == (0.0, 0.0, 0.0) for column in linear) == axes
 
 
 def test_no_rows_give_no_rows():

@@ -64,15 +64,15 @@ class Yoshikawa(TracedIndex):
         return self.rows
 
     def prepare(self, arm: Arm, pilot: Postures) -> NDArray[np.float64]:
-        """K' = K 4^-N over the N limited joints."""
-        joints = sum(arm.limited)
-        return np.array([self.K_scaled if self.K is None else self.K * 4.0**-joints])
+        """K = K' 4^N over the N limited joints."""
+        return np.array([self.K if self.K_scaled is None else self.K_scaled * 4.0 ** sum(arm.limited)])
 
     def columns(self, arm: ArmColumns, p: Sequence[Column]) -> Column:
         """Eq. (1) on columns."""
-        w = volume([arm.jacobian[row] for row in self.rows])
+        jacobian = arm.reduced if arm.reduced is not None and len(self.rows) == len(ROWS) else arm.jacobian
+        w = volume([jacobian[row] for row in self.rows])
         penalised = [u for u, limited in zip(arm.u, arm.limited, strict=True) if limited]
-        margin = product([maximum(4.0 * u * (1.0 - u), 0.0) for u in penalised])
+        margin = product([maximum(u - u * u, 0.0) for u in penalised])
         return w * -expm1(-p[0] * margin)
 
 

@@ -30,8 +30,7 @@ def deposit_max(store: Any, cells: Any, values: Any, count: Any) -> None:
     for s in range(count):
         cell = cells[s]
         store[cell, 1] += 1.0
-        if values[s] > store[cell, 0]:
-            store[cell, 0] = values[s]
+        store[cell, 0] = max(values[s], store[cell, 0])
 
 
 @compiled
@@ -43,6 +42,14 @@ def deposit_mean(store: Any, cells: Any, values: Any, count: Any) -> None:
         if values[s] >= 0.0:
             store[cell, 0] += np.int64(values[s] * 2147483648.0 + 0.5)
             store[cell, 2] += 1
+
+
+@compiled
+def merge_max(into: Any, other: Any) -> None:
+    """Larger value, sum of hits."""
+    for cell in range(into.shape[0]):
+        into[cell, 0] = max(into[cell, 0], other[cell, 0])
+        into[cell, 1] += other[cell, 1]
 
 
 @dataclass(frozen=True)
@@ -58,8 +65,7 @@ class DenseMax(VoxelBackend):
 
     def merge(self, into: Any, other: Any) -> None:
         """Larger value, sum of hits."""
-        np.maximum(into[:, 0], other[:, 0], out=into[:, 0])
-        into[:, 1] += other[:, 1]
+        merge_max(into, other)
 
     def values(self, store: Any) -> Array:
         """The maxima."""
