@@ -63,7 +63,9 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
         prepared = index.prepare(arm, pilot) if pilot is not None else NOTHING
     unit = Dexterity(arm, index, prepared, 1.0, threshold)
     tips, raw = unit.raw(u)
-    _refuse_nan(unit, tips, raw)
+    everywhere = np.ones(len(u), bool)
+    _refuse_not_finite(arm, "tips", tips, u, everywhere)
+    _refuse_not_finite(index, "values", raw, u, everywhere)
     size = max(float(np.abs(tips).max()), 1e-3)
     if raw.max() <= 1e-12 * size**3:
         zero = f"dexterity: the index is zero at every posture (at most {raw.max():.1g}). Check its parameters."
@@ -124,11 +126,16 @@ class Family:
             return out[:, :3], out[:, 3:]
         with blaming(self.arm):
             postures = self.arm.postures(u)
-        with blaming(self.members[0].index):
-            raws = np.stack([np.maximum(d.index.values(postures, d.prepared), 0.0) for d in self.members], axis=1)
-        valid = postures.valid[:, None]
-        tips, raws = np.where(valid, postures.tips, 0.0), np.where(valid, raws, -1.0)
-        _refuse_nan(self.members[0], tips, raws)
+        tips, valid = postures.tips, postures.valid
+        _refuse_not_finite(self.arm, "tips", tips, u, valid)
+        _refuse_not_finite(self.arm, "Jacobians", postures.jacobians, u, valid)
+        raws = np.empty((len(u), len(self.members)))
+        for member, raw in zip(self.members, raws.T, strict=True):
+            with blaming(member.index):
+                np.maximum(member.index.values(postures, member.prepared), 0.0, out=raw)
+            _refuse_not_finite(member.index, "values", raw, u, valid)
+        if not valid.all():
+            tips, raws = np.where(valid[:, None], tips, 0.0), np.where(valid[:, None], raws, -1.0)
         return tips, raws
 
     def kernel(self, dtype: Any = np.float64, flow: str = "", components: Sequence[ModuleType] = ()) -> Map:
@@ -156,10 +163,14 @@ class Family:
 _kernels: dict[Any, Map] = {}
 
 
-def _refuse_nan(dexterity: Dexterity, tips: Array, raw: Array) -> None:
-    for part, values in ((dexterity.arm, tips), (dexterity.index, raw)):
-        if not np.isfinite(values).all():
-            raise PluginError(f"{name_of(part)}: values that are not finite")
+def _refuse_not_finite(part: object, what: str, values: Array, u: Array, valid: NDArray[np.bool_]) -> None:
+    if np.isfinite(values.sum()):  # a NaN or an infinity survives a sum
+        return
+    wrong = valid & ~np.isfinite(values).reshape(len(u), -1).all(axis=1)
+    if wrong.any():
+        where = np.array2string(u[wrong][0], precision=4, separator=", ")
+        many = f"{int(wrong.sum())} of {len(u)} postures, first at u = {where}"
+        raise PluginError(f"{name_of(part)}: {what} that are not finite at {many}")
 
 
 def _structure(index: DexterityIndex) -> Any:

@@ -23,7 +23,7 @@ from eiwa.core.sampling import BLOCK, FILLS, Stream
 from eiwa.core.workspace import Target, packed
 
 CHUNK = 1 << 15
-ARRAY_BLOCK = 1 << 13
+ARRAY_BLOCK = 1 << 12
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eiwa.core.kernel import Map
-from eiwa.core.symbols import Column, as_columns, where
+from eiwa.core.symbols import Column, where
 
 if TYPE_CHECKING:
     from eiwa.core.evaluation import Measurement
@@ -61,19 +61,6 @@ class ArmColumns:
     limited: tuple[bool, ...]
     valid: Column = True
     reduced: Sequence[Sequence[Column]] | None = None
-
-    @classmethod
-    def of(cls, postures: Postures) -> ArmColumns:
-        """Columns that are arrays, from postures."""
-        return cls(
-            u=as_columns(postures.u),
-            q=as_columns(postures.q),
-            tip=as_columns(postures.tips),
-            rotation=[as_columns(postures.rotations[:, i, :]) for i in range(3)],
-            jacobian=[as_columns(postures.jacobians[:, i, :]) for i in range(6)],
-            limited=postures.limited,
-            valid=postures.valid,
-        )
 
 
 class Arm(ABC):
@@ -125,7 +112,9 @@ class TracedArm(Arm):
 
     @cached_property
     def _map(self) -> Map:
-        return compiled_map((type(self), self.structure, "postures"), self._flat, self.dof, len(self.constants))
+        outputs = (self.dof, 3, 9, 6 * self.dof, 1)
+        key = (type(self), self.structure, "postures")
+        return compiled_map(key, self._flat, self.dof, len(self.constants), outputs=outputs)
 
     def _flat(self, u: Sequence[Column], p: Sequence[Column]) -> list[Column]:
         arm = self.columns(u, p)
@@ -138,8 +127,7 @@ class TracedArm(Arm):
         n, dof = np.shape(u)
         if dof != self.dof:
             raise ValueError(f"u has {dof} columns, the arm has {self.dof} joints")
-        out = self._map(u, self.constants)
-        q, tips, rotations, jacobians, valid = np.split(out, np.cumsum([dof, 3, 9, 6 * dof]), axis=1)
+        q, tips, rotations, jacobians, valid = self._map.parts(u, self.constants)
         R, J, mask = rotations.reshape(n, 3, 3), jacobians.reshape(n, 6, dof), valid[:, 0] > 0.5
         return Postures(np.asarray(u), q, tips, R, J, mask, self.limited)
 
@@ -166,9 +154,19 @@ class TracedIndex(DexterityIndex):
         """The index's formula; ``p`` are the entries that :meth:`prepare` returned."""
 
     def values(self, postures: Postures, prepared: NDArray[np.float64]) -> Array:
-        """The formula on arrays."""
-        value = self.columns(ArmColumns.of(postures), list(prepared))
-        return np.broadcast_to(np.asarray(value, float), (len(postures.u),))
+        """The compiled formula on arrays."""
+        n, dof = postures.u.shape
+        widths = (dof, dof, 3, 9, 6 * dof)
+
+        def formula(columns: Sequence[Column], p: Sequence[Column]) -> list[Column]:
+            u, q, tip, R, J = ([*columns[sum(widths[:k]) :][:width]] for k, width in enumerate(widths))
+            rotation, jacobian = [R[k : k + 3] for k in (0, 3, 6)], [J[k : k + dof] for k in range(0, 6 * dof, dof)]
+            return [self.columns(ArmColumns(u, q, tip, rotation, jacobian, postures.limited), p)]
+
+        structure = None if self.structure is None else (self.structure, postures.limited)
+        function = compiled_map((type(self), structure, "values"), formula, widths, len(prepared))
+        rotations, jacobians = postures.rotations.reshape(n, 9), postures.jacobians.reshape(n, 6 * dof)
+        return function(postures.u, postures.q, postures.tips, rotations, jacobians, prepared)[:, 0]
 
 
 @dataclass(frozen=True)
@@ -246,11 +244,19 @@ def where_valid(valid: Column, a: Column, b: Column) -> Column:
 _maps: dict[Hashable, Map] = {}
 
 
-def compiled_map(key: tuple[Any, ...], function: Any, inputs: int, parameters: int, dtype: Any = float) -> Map:
+def compiled_map(
+    key: tuple[Any, ...],
+    function: Any,
+    inputs: int | tuple[int, ...],
+    parameters: int,
+    dtype: Any = float,
+    outputs: tuple[int, ...] = (),
+) -> Map:
     """The compiled map of a function, kept while its structure is known (no None in the key)."""
     full = (*key, inputs, parameters, np.dtype(dtype))
-    if None in key:
-        return Map(function, inputs, parameters, dtype)
-    if full not in _maps:
-        _maps[full] = Map(function, inputs, parameters, dtype)
+    if full not in _maps or None in key:
+        made = Map(function, inputs, parameters, dtype, outputs=outputs)
+        if None in key:
+            return made
+        _maps[full] = made
     return _maps[full]

@@ -78,12 +78,19 @@ def on_all_threads(work: Callable[..., Any], *arguments: Sequence[Any]) -> list[
     return results
 
 
+_own = threading.local()
+
+
 def scratch(rows: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """A 64-byte aligned scratch of so many block rows."""
+    """This thread's 64-byte aligned scratch of so many block rows, with whatever was left in it."""
     size = rows * STRIDE[dtype]
-    raw = np.zeros(size * dtype.itemsize + 64, np.uint8)
-    offset = -raw.ctypes.data % 64
-    return raw[offset : offset + size * dtype.itemsize].view(dtype)
+    kept, key = _own.__dict__, dtype.str
+    if key not in kept or kept[key].size < size:
+        raw = np.zeros(size * dtype.itemsize + 64, np.uint8)
+        offset = -raw.ctypes.data % 64
+        kept[key] = raw[offset : offset + size * dtype.itemsize].view(dtype)
+    result: NDArray[Any] = kept[key][:size]
+    return result
 
 
 def trace_block(function: Traceable, inputs: int, parameters: int, dtype: np.dtype[Any]) -> tuple[str, int]:
@@ -217,26 +224,28 @@ def compile_now(module: ModuleType, call: Callable[[], Any]) -> None:
     log.info("kernel %s ready in %.2f s", module.__name__, time.perf_counter() - start)
 
 
-_MAP = """
-@compiled
-def run(inputs, p, outputs, w):
-    n, k = inputs.shape
-    m = outputs.shape[1]
-    for start in range(0, n, {block}):
-        count = min({block}, n - start)
-        for j in range(k):
-            for s in range(count):
-                w[j * {stride} + s] = inputs[start + s, j]
-        block(w, p)
-        for j in range(m):
-            for s in range(count):
-                outputs[start + s, j] = w[(k + j) * {stride} + s]
-"""
+def _map_source(source: str, inputs: Sequence[int], outputs: Sequence[int], stride: int) -> str:
+    """Source of ``run``, which takes every block of samples from the input arrays through ``block``, row by row."""
+    x, y = ([f"{name}{k}" for k in range(len(widths))] for name, widths in (("x", inputs), ("y", outputs)))
+    lines = ["", "@compiled", f"def run({', '.join(x)}, p, {', '.join(y)}, w):", f"    n = {y[0]}.shape[0]"]
+    lines += [f"    for start in range(0, n, {BLOCK}):", f"        count = min({BLOCK}, n - start)"]
+    lines += ["        for s in range(count):"]
+    row, read, written = 0, [], []
+    for name, width in zip(x, inputs, strict=True):
+        used = [j for j in range(width) if f"w[s + {(row + j) * stride}]\n" in source]
+        read += [f"            w[{(row + j) * stride} + s] = {name}[start + s, {j}]" for j in used]
+        row += width
+    for name, width in zip(y, outputs, strict=True):
+        written += [f"            {name}[start + s, {j}] = w[{(row + j) * stride} + s]" for j in range(width)]
+        row += width
+    lines += [*(read or ["            pass"]), "        block(w, p)", "        for s in range(count):", *written, ""]
+    return "\n".join(lines)
 
 
 class Map:
     """A traced function compiled for arrays: (n, inputs) -> (n, outputs).
 
+    ``inputs`` and ``outputs`` may be several widths: the columns are then read from and written into as many arrays.
     ``extra`` is source that may call ``block`` too (a flow); it is compiled into the same module.
     """
 
@@ -245,28 +254,38 @@ class Map:
     def __init__(
         self,
         function: Traceable,
-        inputs: int,
+        inputs: int | Sequence[int],
         parameters: int,
         dtype: Any = np.float64,
         extra: str = "",
         components: Sequence[ModuleType] = (),
+        outputs: Sequence[int] = (),
     ) -> None:
         self.dtype = np.dtype(dtype)
-        source, self.outputs = trace_block(function, inputs, parameters, self.dtype)
-        text = source + _MAP.format(block=BLOCK, stride=STRIDE[self.dtype]) + extra
-        self.module = load_source(text, components)
-        self.rows = inputs + self.outputs
-        empty = np.zeros((1, inputs), self.dtype), np.zeros(parameters)
-        compile_now(self.module, lambda: self(*empty))
+        widths = [inputs] if isinstance(inputs, int) else list(inputs)
+        source, columns = trace_block(function, sum(widths), parameters, self.dtype)
+        self.outputs = list(outputs) or [columns]
+        run = _map_source(source, widths, self.outputs, STRIDE[self.dtype])
+        self.module = load_source(source + run + extra, components)
+        self.rows = sum(widths) + columns
+        empty = [np.zeros((1, width), self.dtype) for width in widths]
+        compile_now(self.module, lambda: self.parts(*empty, np.zeros(parameters)))
 
-    def __call__(self, inputs: NDArray[Any], parameters: NDArray[np.float64]) -> NDArray[Any]:
-        """Evaluate every row of ``inputs`` on all threads."""
-        x = np.ascontiguousarray(inputs, self.dtype)
-        out = np.empty((len(x), self.outputs), self.dtype)
+    def __call__(self, *arguments: NDArray[Any]) -> NDArray[Any]:
+        """Evaluate every row of the input arrays with the parameters, which come last, on all threads."""
+        (out,) = self.parts(*arguments)
+        return out
+
+    def parts(self, *arguments: NDArray[Any]) -> list[NDArray[Any]]:
+        """The same for several output arrays."""
+        *inputs, parameters = arguments
+        x = [np.ascontiguousarray(array, self.dtype) for array in inputs]
+        y = [np.empty((len(x[0]), width), self.dtype) for width in self.outputs]
 
         def work(start: int) -> None:
-            part = slice(start, start + self.CHUNK)
-            self.module.run(x[part], parameters, out[part], scratch(self.rows, self.dtype))
+            rows = slice(start, start + self.CHUNK)
+            w = scratch(self.rows, self.dtype)
+            self.module.run(*(array[rows] for array in x), parameters, *(array[rows] for array in y), w)
 
-        on_all_threads(work, range(0, len(x), self.CHUNK))
-        return out
+        on_all_threads(work, range(0, len(x[0]), self.CHUNK))
+        return y
