@@ -50,7 +50,7 @@ from eiwa.core.transforms import frozen, roll_pitch_yaw, translation
 from eiwa.core.workspace import Grid, Target
 from eiwa.plugins.arms.dh import DhParameters, chain
 from eiwa.plugins.dexterity.yoshikawa import Yoshikawa
-from eiwa.plugins.voxels.dense import DenseMax
+from eiwa.plugins.voxels.stores import Dense
 
 PRECISIONS = {"f64": np.float64, "f32": np.float32}
 TOLERANCES = {"f64": 1e-9, "f32": 1e-6}
@@ -103,7 +103,7 @@ def family(joints: int, normaliser: float, hidden: bool = False) -> Family:
 
 def fill_eiwa(member: Family, precision: str, samples: int, key: int) -> tuple[float, float]:
     """Sum of maxima, and hits per sample."""
-    filled = fill(member, TARGETS, DenseMax(), Stream("plain", key), Sampling(samples, PRECISIONS[precision]))[0]
+    filled = fill(member, TARGETS, Dense("max"), Stream("plain", key), Sampling(samples, PRECISIONS[precision]))[0]
     return sum(float(f.values.sum()) for f in filled), sum(int(f.hits.sum()) for f in filled) / samples
 
 

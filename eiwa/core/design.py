@@ -160,6 +160,8 @@ def _section(
     if not isinstance(table, dict):
         raise SpecError(finding(section, f"must be a table: write [{section}].", value=table))
     own = _OWN.get(section)
+    if section == "voxels":
+        table = {"kind": "auto", **table}
     if section not in _PLUGGED:
         assert own is not None
         tables[section] = validated(own, table, section)

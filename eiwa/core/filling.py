@@ -77,6 +77,8 @@ def fill(
     For each member, what is left in each target.
     """
     key = None if family.identity is None else (family.identity, stream, amount.samples, np.dtype(amount.dtype))
+    cells = sum(t.grid.cells for t in targets) * len(family.members)
+    backend = backend.suited(cells)
     kept = reuse.samples.find(key) if key else None
     record = (
         reuse.samples.room(key, (3 + len(family.members), amount.samples), amount.dtype)
@@ -90,28 +92,28 @@ def fill(
     else:
         flow = array_flow(family, targets, backend, stream, amount.dtype)
     recorded = record if record is not None else np.empty((0, 0), amount.dtype)
-    cells = sum(t.grid.cells for t in targets) * len(family.members)
     threads = min(thread_count(), max(1, amount.half // CHUNK))
     stores = [backend.open(cells) for _ in range(threads)]
 
     def deposit(first: int, last: int) -> None:
         starts = iter(range(first, last, CHUNK))
 
-        def work(store: Any) -> None:
+        def work(number: int) -> None:
             for start in starts:
-                flow(start, min(start + CHUNK, last), recorded, store)
+                stop = min(start + CHUNK, last)
+                stores[number] = backend.ready(stores[number], (stop - start) * len(targets) * len(family.members))
+                flow(start, stop, recorded, stores[number])
 
-        on_all_threads(work, stores)
+        on_all_threads(work, range(threads))
 
     def read() -> Array:
-        merged = stores[0]
-        for other in stores[1:]:
-            backend.merge(merged, other)
-        stores[1:] = [backend.open(cells) for _ in stores[1:]]
-        return backend.values(merged)
+        while len(stores) > 1:
+            stores[0] = backend.merge(stores[0], stores.pop())
+        return backend.values(stores[0])
 
     deposit(0, amount.half)
     half = read()
+    stores.extend(backend.open(cells) for _ in range(threads - 1))
     deposit(amount.half, amount.samples)
     if record is not None:
         reuse.samples.keep(key, record)

@@ -208,13 +208,21 @@ class VoxelBackend(ABC):
     deposit: Any
     """``deposit(store, cells, values, count)``; a static function."""
 
+    def suited(self, cells: int) -> VoxelBackend:
+        """The backend to use for so many cells: itself, unless it chooses by size."""
+        return self
+
     @abstractmethod
     def open(self, cells: int) -> Any:
         """An empty store for cells 0 ... cells - 1."""
 
+    def ready(self, store: Any, deposits: int) -> Any:
+        """The store, grown where it could not take so many more deposits as it is."""
+        return store
+
     @abstractmethod
-    def merge(self, into: Any, other: Any) -> None:
-        """Add another thread's store; the result may not depend on the order of merging."""
+    def merge(self, into: Any, other: Any) -> Any:
+        """The store with another thread's added; the result may not depend on the order of merging."""
 
     @abstractmethod
     def values(self, store: Any) -> Array:

@@ -10,8 +10,8 @@ from eiwa.core.kernel import thread_count
 
 
 def memory(cells: int, backend: VoxelBackend) -> int:
-    """Bytes that filling so many cells takes: both arms' stores of every thread, read-outs, and E."""
-    stores = 2 * backend.bytes_per_cell * (thread_count() + 1)
+    """Bytes that filling so many cells takes: both arms' stores of every thread (empty, if they grow), read-outs, and E."""
+    stores = 2 * backend.suited(2 * cells).bytes_per_cell * (thread_count() + 1)
     return cells * (stores + 6 * 8 + 2 * 8)
 
 

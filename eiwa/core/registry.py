@@ -36,7 +36,7 @@ BUILT_IN = (
     "eiwa.plugins.humans.ehem",
     "eiwa.plugins.metrics.interaction",
     "eiwa.plugins.metrics.size",
-    "eiwa.plugins.voxels.dense",
+    "eiwa.plugins.voxels.stores",
 )
 
 

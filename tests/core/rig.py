@@ -8,10 +8,10 @@ from eiwa.core.filling import Sampling, fill
 from eiwa.core.interfaces import DexterityIndex, ErgonomicField, HumanModel, Operator, TracedIndex
 from eiwa.core.sampling import Stream
 from eiwa.plugins.dexterity.yoshikawa import Yoshikawa
-from eiwa.plugins.voxels.dense import DenseMax, DenseMean
+from eiwa.plugins.voxels.stores import Dense
 from tests import arms
 
-BACKENDS = {"max": DenseMax(), "mean": DenseMean()}
+BACKENDS = {"max": Dense("max"), "mean": Dense("mean")}
 ALL_ROWS = tuple(range(6))
 PAPER_INDEX = Yoshikawa(K=None, K_scaled=3.0, rows=ALL_ROWS)
 """A factor of 0.95 at mid-range."""

@@ -13,6 +13,7 @@ from eiwa.core.interfaces import NOTHING
 from eiwa.core.transforms import roll_pitch_yaw, translation
 from eiwa.core.workspace import Grid, Target
 from eiwa.plugins.dexterity.yoshikawa import Yoshikawa
+from eiwa.plugins.voxels.stores import Dense, Sparse
 from tests import arms
 from tests.arms import ArrayArm
 from tests.core.rig import BACKENDS, PAPER_INDEX, ArrayIndex, fill_one, filled_by_numpy, stream
@@ -185,8 +186,20 @@ class PlainMax(type(BACKENDS["max"])):
 
 def test_a_backend_in_plain_numpy_gives_the_same_cells(dexterity):
     amount = Sampling(10_000)
-    plain, compiled = (fill_one(dexterity, TARGETS, b, stream(), amount)[0] for b in (PlainMax(), BACKENDS["max"]))
+    plain, compiled = (fill_one(dexterity, TARGETS, b, stream(), amount)[0] for b in (PlainMax("max"), BACKENDS["max"]))
     np.testing.assert_allclose(plain.values, compiled.values, atol=1e-12)
+
+
+@pytest.mark.parametrize("quantity", ["values", "half", "hits"])
+@pytest.mark.parametrize("aggregate", BACKENDS)
+@pytest.mark.parametrize("kind", ["fused", "array"])
+def test_dense_and_sparse_agree_to_the_last_bit(dexterity, kind, aggregate, quantity, monkeypatch):
+    """Two threads, several chunks, both arms."""
+    monkeypatch.setenv("EIWA_THREADS", "2")
+    used = dexterity if kind == "fused" else prepare(*untraced_arm_and_index(), None, 0.2)
+    dense, sparse = (fill_one(used, TARGETS, b(aggregate), stream(), Sampling(MANY)) for b in (Dense, Sparse))
+    for one, other in zip(dense, sparse, strict=True):
+        np.testing.assert_array_equal(getattr(one, quantity), getattr(other, quantity))
 
 
 # Samples without a solution.

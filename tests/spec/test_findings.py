@@ -112,9 +112,9 @@ CASES = {
     "unknown arm": ({'"dh"': '"dhh"'}, "arm.kind = 'dhh'", "did you mean 'dh'? Known: dh"),
     "unknown human": ({'"ehem"': '"eham"'}, "human.kind = 'eham'", "did you mean 'ehem'?"),
     "unknown index": ({'"yoshikawa"': '"yoshikava"'}, "dexterity.kind = 'yoshikava'", "did you mean 'yoshikawa'?"),
-    "unknown voxels": ({'"dense"': '"octree"'}, "voxels.kind = 'octree'", "Known: dense"),
+    "unknown voxels": ({'"dense"': '"octree"'}, "voxels.kind = 'octree'", "Known: auto, dense, sparse"),
     "unknown metric table": (table("[metrics.G]"), "metrics.G", "Known: F,"),
-    "no kind": ({'kind = "dense"\n': ""}, "voxels.kind", "is required. Known: dense"),
+    "no kind": ({'kind = "ehem"\n': ""}, "human.kind", "is required. Known: ehem"),
     "unknown key": ({"spacing = 0.20": "spaceing = 0.20"}, "layout.spaceing", "unknown key; did you mean 'spacing'?"),
     "unknown key of a joint": (
         {"alpha = 90": "alhpa = 90"}, "arm.joints.shoulder.alhpa", "unknown key; did you mean 'alpha'?"),
