@@ -37,6 +37,8 @@ GROWTH = 2.0**0.25
 """Checkpoints stand where the evaluations have grown by this factor; four of them make a doubling."""
 CAUTION = 2.0
 """What remains is estimated as this multiple of the last doubling's gain; benchmarks/refinement.py shows the evidence."""
+SORTED = 17 / 16
+"""Parents are brought into the order of their cells when there are so many times more."""
 LEAST = 1e-3
 """The tolerance is relative to F, but to no less than this."""
 
@@ -173,20 +175,21 @@ def _explorer(
     parents = archives.elites.reshape(-1, dof)
     u = np.empty((dof, FIRST), dtype)
     slots, raws = np.empty((len(targets), FIRST), np.int32), np.empty((members, FIRST), dtype)
-    occupied = np.zeros(0, np.int64)
+    occupied, count, in_order = np.empty(archives.best.size, np.int32), 0, 0
 
     def explore(first: int, size: int) -> None:
-        nonlocal occupied
+        nonlocal count, in_order
         share = -(-size // (thread_count() * BLOCK)) * BLOCK
 
         def work(start: int) -> None:
             part = slice(start, min(start + share, size))
-            evaluate(first + start, occupied, parents, u[:, part], slots[:, part], raws[:, part])
+            evaluate(first + start, occupied[:count], parents, u[:, part], slots[:, part], raws[:, part])
 
         on_all_threads(work, range(0, size, share))
-        opened = merge(archives.best, archives.elites, slots[:, :size], raws[:, :size], scales, u)
-        if opened:
-            occupied = np.flatnonzero(archives.best.ravel() >= 0)
+        count = merge(archives.best, archives.elites, slots[:, :size], raws[:, :size], scales, u, occupied, count)
+        if count > in_order * SORTED:  # neighbours in memory are read together
+            occupied[:count].sort()
+            in_order = count
 
     return explore
 
@@ -244,9 +247,12 @@ def to_slots(
 
 
 @compiled
-def merge(best: Any, elites: Any, slots: Any, raws: Any, scales: Any, u: Any) -> Any:
-    """Credit candidates in the order of their numbers; a tie keeps the earlier one. Returns how many cells are new."""
-    opened = 0
+def merge(best: Any, elites: Any, slots: Any, raws: Any, scales: Any, u: Any, occupied: Any, count: Any) -> Any:
+    """Credit candidates in the order of their numbers; a tie keeps the earlier one.
+
+    Archive slots that were empty are appended to the first ``count`` of ``occupied``; returns the new count.
+    """
+    members, size = best.shape[1], best.shape[2]
     for t in range(slots.shape[0]):
         for m in range(raws.shape[0]):
             for i in range(slots.shape[1]):
@@ -254,11 +260,13 @@ def merge(best: Any, elites: Any, slots: Any, raws: Any, scales: Any, u: Any) ->
                 if slot >= 0:
                     value, before = raws[m, i] * scales[m], best[t, m, slot]
                     if value > before:
-                        opened += before < 0.0
+                        if before < 0.0:
+                            occupied[count] = (t * members + m) * size + slot
+                            count += 1
                         best[t, m, slot] = value
                         for j in range(u.shape[0]):
                             elites[t, m, slot, j] = u[j, i]
-    return opened
+    return count
 
 
 def _by_arrays(
