@@ -64,7 +64,13 @@ class Refinement:
 
 
 def refine(
-    family: Family, targets: Sequence[Target], weights: Array, stream: Stream, amount: Sampling
+    family: Family,
+    targets: Sequence[Target],
+    weights: Array,
+    stream: Stream,
+    amount: Sampling,
+    *,
+    reached: bool = False,
 ) -> list[tuple[list[Filled], Refinement]]:
     """Search the largest value of every weighted cell, for every target and member.
 
@@ -82,6 +88,8 @@ def refine(
     amount
         ``samples`` is the largest number of evaluations; the search ends before when for every member what remains
         is under ``tolerance`` relative to max(F, 1e-3).
+    reached
+        Measure the progress by which cells are reached above the threshold, not by their values.
     """
     archives = Archives.empty(family, targets, weights)
     explore = _explorer(family, targets, archives, stream, amount.dtype)
@@ -92,7 +100,7 @@ def refine(
         explore(spent, size)
         spent += size
         if spent >= checkpoint or spent >= amount.samples:
-            for history, F in zip(histories, archives.F(family), strict=True):
+            for history, F in zip(histories, archives.F(family, reached), strict=True):
                 history.append((spent, F))
             checkpoint = max(spent, checkpoint) * GROWTH
             if all(remaining(h) <= amount.tolerance * max(h[-1][1], LEAST) for h in histories):
@@ -143,11 +151,11 @@ class Archives:
         best = self.best[:, member]
         return np.where(best >= family.members[member].threshold, np.clip(best, 0.0, 1.0), 0.0)
 
-    def F(self, family: Family) -> list[float]:
-        """Weighted mean over cells, averaged over targets, of every member."""
+    def F(self, family: Family, reached: bool = False) -> list[float]:
+        """Weighted mean over cells (of 1 where ``reached``), averaged over targets, of every member."""
         total = max(float(self.weights.sum()), 1e-300)
-        members = range(len(family.members))
-        return [float((self.values(family, m).mean(axis=0) * self.weights).sum() / total) for m in members]
+        values = (self.values(family, m) for m in range(len(family.members)))
+        return [float((((v > 0) if reached else v).mean(axis=0) * self.weights).sum() / total) for v in values]
 
     def filled(self, family: Family, member: int) -> list[Filled]:
         """The targets' grids."""

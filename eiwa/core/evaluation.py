@@ -27,12 +27,17 @@ from eiwa.core.interfaces import (
 from eiwa.core.memory import require_memory
 from eiwa.core.sampling import Stream
 from eiwa.core.transforms import Transform, roll_pitch_yaw, translation
-from eiwa.core.workspace import Grid, Target
+from eiwa.core.workspace import Grid, Target, pooled
 
 JOINT_STREAM, FIELD_STREAM = 0, 1
 """Last word of a stream's seed path: joint samples, and the human model's samples."""
 VOLUME_SAMPLES = 1 << 20
-"""Whole workspaces are counted, not refined: with elites from at most so many plain samples."""
+"""Whole workspaces on the study's own grid are counted, not refined: with elites from at most so many plain samples."""
+ACROSS_REACH = 40
+"""Cells along the reach in which volumes are measured, whatever the study's own voxels are."""
+VOLUME_EVALUATIONS, VOLUME_TOLERANCE = 1 << 23, 0.01
+OBLIQUE: Transform = roll_pitch_yaw(0.4, 0.7, 1.1)
+MIRROR: Transform = np.diag([-1.0, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,12 @@ class Layout:
         """Pose of the right (+1) or left (-1, when translated) base."""
         x, y, z = self.offset
         return translation(x + side * self.spacing / 2, y, z) @ roll_pitch_yaw(*self.orientation)
+
+    @property
+    def Ts_world_base(self) -> tuple[Transform, Transform]:
+        """Right and left; the left one is a reflection when the arms are mirrored."""
+        right = self.T_world_base(+1)
+        return right, MIRROR @ right if self.second == "mirrored" else self.T_world_base(-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +94,38 @@ class Pair:
     grid: Grid
     right: Filled
     left: Filled
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Which cells of edge ``h`` [m] each arm reaches above the threshold, on one grid whose shape is a multiple of 4.
+
+    The grid stands obliquely in W: no face of a workspace lies along its cells, so that borders cut them evenly.
+    """
+
+    h: float
+    right: NDArray[np.bool_]
+    left: NDArray[np.bool_]
+
+    @property
+    def one_arm(self) -> float:
+        """Volume of the right arm's dexterous workspace [m3]."""
+        return self._volume(self.right)
+
+    @property
+    def shared(self) -> float:
+        """Volume that is dexterous for both arms [m3]."""
+        return self._volume(self.right, self.left)
+
+    def _volume(self, *sets: NDArray[np.bool_]) -> float:
+        """Cells that are in every set, without the layer that counting cells adds at the border.
+
+        Counted in cells of h, 2 h and 4 h, what is linear and quadratic in h cancels in (8 V(h) - 6 V(2 h) + V(4 h)) / 3.
+        """
+        middle = [pooled(cells) for cells in sets]
+        scales = (sets, middle, [pooled(cells) for cells in middle])
+        V, V2, V4 = (int(np.logical_and.reduce(cells).sum()) * (self.h * 2**k) ** 3 for k, cells in enumerate(scales))
+        return float(max(0.0, (8 * V - 6 * V2 + V4) / 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +183,19 @@ class Volumes:
         filled = fill(self.family, [target], self.setup.backend, joint_stream(self.setup, 0), self._amount)
         return [one for (one,) in filled]
 
+    @cached_property
+    def reached(self) -> list[Reached]:
+        """Which cells the arms reach, of every member: elites fill the holes that plain samples leave."""
+        h = self.reach / ACROSS_REACH
+        right, left = (OBLIQUE @ T for T in self.setup.layout.Ts_world_base)
+        bases = np.array([right[:3, 3], left[:3, 3]])
+        box = np.array([bases.min(axis=0) - self.reach, bases.max(axis=0) + self.reach])
+        grid = Grid.covering(box, 4 * h).halved.halved
+        amount = replace(self.setup.sampling, samples=VOLUME_EVALUATIONS, tolerance=VOLUME_TOLERANCE)
+        targets, stream = [Target(grid, right), Target(grid, left)], joint_stream(self.setup, 0)
+        refined = refine(self.family, targets, np.ones(grid.shape), stream, amount, reached=True)
+        return [Reached(h, *(side.values > 0 for side in sides)) for sides, _ in refined]
+
     @property
     def _amount(self) -> Sampling:
         amount = self.setup.sampling
@@ -175,6 +231,11 @@ class Measurement:
     def mmdw(self) -> Filled:
         """The dexterous workspace of one arm on a grid in its base frame."""
         return self.volumes.mmdw[self.member]
+
+    @property
+    def reached(self) -> Reached:
+        """Which cells each arm reaches, for volumes that depend neither on N nor on r."""
+        return self.volumes.reached[self.member]
 
 
 def measure(setups: Sequence[Setup], grid: Grid, fields: Sequence[ErgonomicField]) -> list[Measurement]:

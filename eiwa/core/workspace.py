@@ -49,9 +49,21 @@ class Grid:
         return np.asarray((self.origin[axis] + np.arange(self.shape[axis] + 1)) * self.r)
 
     @property
+    def halved(self) -> Grid:
+        """The same box in cells of half the edge."""
+        (x, y, z), (nx, ny, nz) = self.origin, self.shape
+        return Grid(self.r / 2, (2 * x, 2 * y, 2 * z), (2 * nx, 2 * ny, 2 * nz))
+
+    @property
     def symmetric(self) -> bool:
         """Whether mirroring in x maps the grid onto itself."""
         return 2 * self.origin[0] + self.shape[0] == 0
+
+
+def pooled(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """On a :attr:`Grid.halved`, which cells of the whole edge have an occupied one of their eight."""
+    nx, ny, nz = (n // 2 for n in occupied.shape)
+    return np.asarray(occupied.reshape(nx, 2, ny, 2, nz, 2).any(axis=(1, 3, 5)))
 
 
 @dataclass(frozen=True)

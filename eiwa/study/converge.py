@@ -40,9 +40,9 @@ def points(spec: StudySpec, overrides: Mapping[str, Any], tolerance: float, repl
     estimator = plain if plain != "elites" else "plain"
     for size in sizes(spec):
         for samples in COUNTS:
-            yield _point(spec, overrides, estimator, samples, size, tolerance, replicates, volumes=True)
+            yield _point(spec, overrides, estimator, samples, size, tolerance, replicates)
         if spec.resolved["voxels"].get("aggregate") == "max":
-            yield _point(spec, overrides, "elites", BUDGET, size, tolerance, replicates, volumes=False)
+            yield _point(spec, overrides, "elites", BUDGET, size, tolerance, replicates)
 
 
 def _point(
@@ -53,12 +53,10 @@ def _point(
     size: float,
     tolerance: float,
     replicates: int,
-    volumes: bool,
 ) -> Point:
     settings = {"sampling.estimator": estimator, "sampling.samples": samples, "voxels.size": size}
-    kept: dict[str, Any] = {"F": spec.tree.get("metrics", {}).get("F", {})}
-    if volumes:
-        kept["dexterous_volume"] = {}
+    counting = "corrected" if estimator == "elites" else "cells"
+    kept = {"F": spec.tree.get("metrics", {}).get("F", {}), "dexterous_volume": {"counting": counting}}
     tree = replaced(spec.tree, {**overrides, **settings, "sampling.tolerance": tolerance, "metrics": kept})
     bare = {
         k: v for k, v in tree.items() if k not in ("scenarios", "objectives", "constraints", "designs", "assumptions")

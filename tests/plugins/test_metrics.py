@@ -69,14 +69,38 @@ def test_no_sample_in_the_grid_is_the_worst_case():
     assert Singletons(SingletonsParameters())(away)["singletons"] == 1.0
 
 
+def test_counted_shared_volume_is_the_overlap_of_both_arms(measurement):
+    volume = SharedVolume(SharedVolumeParameters(counting="cells"))(measurement)["shared_volume"]
+    assert volume == pytest.approx(2 * 4 * 4 * r**3, rel=1e-12)
+
+
+def test_counted_dexterous_volume_is_one_arms_box(measurement):
+    volume = DexterousVolume(DexterousVolumeParameters(counting="cells"))(measurement)["dexterous_volume"]
+    assert volume == pytest.approx(6 * 4 * 4 * r**3, rel=1e-12)
+
+
 def test_shared_volume_is_the_overlap_of_both_arms(measurement):
     volume = SharedVolume(SharedVolumeParameters())(measurement)["shared_volume"]
-    assert volume == pytest.approx(2 * 4 * 4 * r**3, rel=1e-12)
+    assert volume == pytest.approx(2 * 4 * 4 * r**3, rel=0.06)
 
 
 def test_dexterous_volume_is_one_arms_box(measurement):
     volume = DexterousVolume(DexterousVolumeParameters())(measurement)["dexterous_volume"]
-    assert volume == pytest.approx(6 * 4 * 4 * r**3, rel=1e-12)
+    assert volume == pytest.approx(6 * 4 * 4 * r**3, rel=0.05)
+
+
+def test_shared_volume_of_arms_far_apart_is_zero():
+    apart = measured(setup(layout=Layout(2.0, (0.0, 0.6, 0.0), (0.0, 0.0, 0.0)), sampling=Sampling(256)))
+    assert SharedVolume(SharedVolumeParameters())(apart)["shared_volume"] == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [0.05, 0.01])
+def test_dexterous_volume_of_the_papers_arm_is_known(size):
+    """8 pi L1^2 L2 for full turns; counted voxels are 7 to 40 % above it."""
+    design = setup(arm=paper(), index=One(), threshold=0.0, r=size, sampling=Sampling(256))
+    volume = DexterousVolume(DexterousVolumeParameters())(measured(design))["dexterous_volume"]
+    assert volume == pytest.approx(8 * np.pi * 0.26**2 * 0.18, rel=0.03)
 
 
 def test_reach_is_the_farthest_corner(measurement):
