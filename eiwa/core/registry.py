@@ -32,6 +32,7 @@ KINDS = {
 
 BUILT_IN = (
     "eiwa.plugins.arms.dh",
+    "eiwa.plugins.arms.urdf",
     "eiwa.plugins.dexterity.yoshikawa",
     "eiwa.plugins.humans.ehem",
     "eiwa.plugins.metrics.interaction",
