@@ -154,6 +154,14 @@ REFUSED = {
         "finite number",
     ),
     "NaN length": ({"convention": "standard", "joints": [{**ROW, "a": np.nan}]}, "finite number"),
+    "falling coupled limits": (
+        {"convention": "standard", "joints": [ROW], "coupled": [{"joints": {"a": 1.0}, "limits": [1.0, 0.0]}]},
+        "must increase",
+    ),
+    "coupled limits of nothing": (
+        {"convention": "standard", "joints": [ROW], "coupled": [{"joints": {}, "limits": [0.0, 1.0]}]},
+        "at least 1 item",
+    ),
     "unlimited prismatic joint": (
         {"convention": "standard", "joints": [{**ROW, "kind": "prismatic"}]},
         "prismatic joint needs limits",
@@ -194,3 +202,37 @@ def test_an_arm_that_is_singular_either_way_points_to_the_rows():
 
 def test_the_explanation_names_the_field():
     assert paper(convention="standard").when_singular().startswith("arm.convention = 'standard'")
+
+
+# Coupled limits.
+
+
+def coupled(limits, angles="deg", **row):
+    joints = [
+        DhJoint(name="turn", a=0.1, limits=[-90.0, 90.0] if angles == "deg" else [-1.5, 1.5]),
+        DhJoint(name="elbow", a=0.1, limits=[-90.0, 90.0] if angles == "deg" else [-1.5, 1.5]),
+        DhJoint(name="slide", kind="prismatic", limits=[0.0, 0.3]),
+        DhJoint(name="hand", kind="fixed"),
+    ]
+    rows = [{"joints": row, "limits": limits}]
+    return DhParameters(convention="standard", angles=angles, joints=joints, coupled=rows)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "row"),
+    [
+        (coupled([-90.0, 45.0], turn=1.0, elbow=1.0), [1, 1, 0, -np.pi / 2, np.pi / 4]),
+        (coupled([-1.0, 0.5], "rad", turn=1.0, elbow=-2.0), [1, -2, 0, -1.0, 0.5]),
+        (coupled([0.0, 0.2], slide=1.0), [0, 0, 1, 0.0, 0.2]),
+        (coupled([0.0, 90.0], turn=1.0, slide=180.0), [1, 0, np.pi, 0.0, np.pi / 2]),
+    ],
+    ids=["degrees", "radians", "metres", "degrees per metre"],
+)
+def test_coupled_limits_follow_the_unit_of_angles(parameters, row):
+    np.testing.assert_allclose(chain(parameters).rows, [row], rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["hand", "wrist"])
+def test_coupled_limits_of_no_movable_joint_are_refused(name):
+    with pytest.raises(SpecError, match=rf"arm\.coupled\.0\.joints\.{name}: .*Movable joints: turn, elbow, slide"):
+        chain(coupled([0.0, 1.0], **{name: 1.0}))
