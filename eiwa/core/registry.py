@@ -31,6 +31,7 @@ KINDS = {
 """Section of the study file -> hook."""
 
 BUILT_IN = (
+    "eiwa.plugins.arms.delta",
     "eiwa.plugins.arms.dh",
     "eiwa.plugins.arms.urdf",
     "eiwa.plugins.dexterity.yoshikawa",
