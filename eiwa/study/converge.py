@@ -59,7 +59,7 @@ def _point(
     kept: dict[str, Any] = {"F": spec.tree.get("metrics", {}).get("F", {})}
     if volumes:
         kept["dexterous_volume"] = {}
-    tree = replaced(spec.tree, {**overrides, **settings, "sampling.tolerance": tolerance, "metrics": kept})
+    tree = replaced(spec.replaced(overrides), {**settings, "sampling.tolerance": tolerance, "metrics": kept})
     bare = {
         k: v for k, v in tree.items() if k not in ("scenarios", "objectives", "constraints", "designs", "assumptions")
     }
