@@ -31,7 +31,7 @@ def increasing(limits: list[float] | None) -> list[float] | None:
     return limits
 
 
-class CoupledLimits(Parameters):
+class CoupledRow(Parameters):
     """A row low <= sum of coefficient times joint value <= high; postures outside are not valid."""
 
     joints: Annotated[dict[str, float], Field(min_length=1)] = quantity(
@@ -50,7 +50,7 @@ class ChainParameters(Parameters):
     angles: Angles = quantity("deg", description="Unit of all angles of the arm.")
     tool: Vector = quantity([0.0, 0.0, 0.0], unit="m", description="The tip in the last link's frame.")
     tool_rpy: Vector = quantity([0.0, 0.0, 0.0], unit="angles", description="Roll, pitch, yaw of the tip.")
-    coupled: list[CoupledLimits] = quantity([], description="Limits of sums of joints, such as a parallelogram's.")
+    coupled: list[CoupledRow] = quantity([], description="Limits of sums of joints, such as a parallelogram's.")
 
     @property
     def unit(self) -> float:

@@ -5,9 +5,12 @@ import pytest
 from pydantic import ValidationError
 
 from eiwa.core.errors import SpecError
+from eiwa.core.outcome import evaluate
+from eiwa.core.spec import load
 from eiwa.plugins.arms.dh import DhJoint, DhParameters, chain, eiwa_arms
 from tests import arms
 from tests.arms import FULL_TURN, forward, paper, paper_table, table
+from tests.study import small
 
 
 def Rx(a):
@@ -236,3 +239,33 @@ def test_coupled_limits_follow_the_unit_of_angles(parameters, row):
 def test_coupled_limits_of_no_movable_joint_are_refused(name):
     with pytest.raises(SpecError, match=rf"arm\.coupled\.0\.joints\.{name}: .*Movable joints: turn, elbow, slide"):
         chain(coupled([0.0, 1.0], **{name: 1.0}))
+
+
+def study(folder, row):
+    changes = small.NO_SEARCH | {small.DESIGN: "", small.JOINTS: f"{small.JOINTS}coupled = [{row}]\n"}
+    return load(small.write(folder, changes))
+
+
+def test_a_study_couples_limits(tmp_path):
+    """Shoulder and upper arm in [-120, 120] each, and their sum in [-60, 60]: 7/16 of the square."""
+    spec = study(tmp_path, "{ joints = { shoulder = 1, upper = 1 }, limits = [-60, 60] }")
+    numbers = evaluate(spec, {}).scenarios[""]
+    assert numbers["valid_share"] == pytest.approx(7 / 16, abs=2e-3)
+    free = evaluate(spec, {"arm.coupled.0.limits": [-240, 240]}).scenarios[""]
+    assert (free["valid_share"], free["F"] > numbers["F"]) == (1.0, True)
+
+
+def test_a_bound_of_a_row_is_a_path(tmp_path):
+    spec = study(tmp_path, "{ joints = { shoulder = 1, upper = 1 }, limits = [-60, 60] }")
+    arm = spec.design({"arm.coupled.0.limits.1": 30, "arm.coupled.0.joints.upper": 2}).setup(1).arm
+    np.testing.assert_allclose(arm.rows, [[0, 1, 2, 0, 0, 0, -np.pi / 3, np.pi / 6]], rtol=1e-15)
+
+
+def test_a_row_of_falling_limits_is_told_by_path(tmp_path):
+    with pytest.raises(SpecError, match=r"arm\.coupled\.0\.limits = \[60, -60\]: must increase"):
+        study(tmp_path, "{ joints = { shoulder = 1 }, limits = [60, -60] }")
+
+
+def test_rows_that_nothing_meets_are_told(tmp_path):
+    with pytest.raises(SpecError, match="arm: none of 16384 postures"):
+        evaluate(study(tmp_path, "{ joints = { shoulder = 1 }, limits = [200, 210] }"), {})
