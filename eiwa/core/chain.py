@@ -7,57 +7,24 @@ A joint may mimic another, and rows lo <= c.q <= hi may couple the limits of sev
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.interfaces import ArmColumns, Array, TracedArm, compiled_map
+from eiwa.core.joints import Coupling, Joint, Kind, Mimic, check, unit_of
 from eiwa.core.symbols import Column, Symbol, cross, dot, sincospi
 from eiwa.core.transforms import Transform, align_z, frozen, inverse
 
+__all__ = ["Coupling", "Joint", "Kind", "Mimic", "SerialChain"]
 MAX_JOINTS = 12
 
-Kind = Literal["revolute", "prismatic", "fixed"]
 Vector = Sequence[Column]
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """Drives a joint by another one: q = multiplier * q_joint + offset."""
-
-    joint: str
-    multiplier: float = 1.0
-    offset: float = 0.0
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint: ``T_parent_joint`` at zero, then a motion about (revolute, [rad]) or along (prismatic, [m]) ``axis``.
-
-    ``limits`` may be None for a revolute joint, which then covers a full turn and is not penalised. A joint that mimics
-    another is no degree of freedom; its limits narrow those of the joint that drives it.
-    """
-
-    name: str
-    kind: Kind
-    T_parent_joint: Transform
-    limits: tuple[float, float] | None = None
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    mimic: Mimic | None = None
-
-
-@dataclass(frozen=True)
-class Coupling:
-    """A row low <= sum_j coefficients[j] q_j <= high over joints by name: what a parallelogram linkage allows."""
-
-    coefficients: Mapping[str, float]
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +62,7 @@ class SerialChain(TracedArm):
         if not 1 <= free <= MAX_JOINTS:
             raise SpecError(finding("arm.joints", f"{free} movable joints; a chain has 1 to {MAX_JOINTS}."))
         for joint in self.movable:
-            _check(joint, [j.name for j in self.free])
+            check(joint, [j.name for j in self.free])
         for joint, span in zip(self.free, self._ranges, strict=True):
             if span is not None and span[0] > span[1]:
                 problem = "no value of the joint keeps those that mimic it within their limits."
@@ -196,8 +163,8 @@ class SerialChain(TracedArm):
 
     @cached_property
     def _units(self) -> NDArray[np.float64]:
-        """rad per half turn for revolute joints, which saves the reduction of angles; 1 m for prismatic ones."""
-        return frozen([_unit(joint) for joint in self.free])
+        """:func:`unit_of` each free joint."""
+        return frozen([unit_of(joint) for joint in self.free])
 
     @cached_property
     def structure(self) -> Hashable:  # type: ignore[override]
@@ -278,7 +245,7 @@ class SerialChain(TracedArm):
     def _value(self, j: int, h: Sequence[Column]) -> Column:
         """Value of a movable joint, in half turns or m, from those of the free joints."""
         k, multiplier, offset = self.drives[j]
-        unit = _unit(self.movable[j])
+        unit = unit_of(self.movable[j])
         return h[k] * (multiplier * float(self._units[k]) / unit) + offset / unit
 
     def _jacobian(self, reference: Vector, axes: list[Vector], points: list[list[Vector]]) -> list[list[Column]]:
@@ -392,25 +359,3 @@ def _row_times(row: Sequence[Column], vector: Sequence[Column]) -> Column:
     for a, b in zip(row, vector, strict=True):
         total = total + a * b
     return total
-
-
-def _unit(joint: Joint) -> float:
-    return float(np.pi) if joint.kind == "revolute" else 1.0
-
-
-def _check(joint: Joint, free: Sequence[str]) -> None:
-    if not (np.isfinite(joint.T_parent_joint).all() and np.isfinite(joint.axis).all() and any(joint.axis)):
-        problem = "a joint needs a finite transform and an axis that is not zero."
-        raise SpecError(finding(f"arm.joints.{joint.name}", problem, value=joint.axis))
-    if joint.mimic is not None and (joint.mimic.joint not in free or not joint.mimic.multiplier):
-        problem = "must mimic a joint of the chain that moves by itself, with a multiplier that is not zero."
-        remedy = f"Free joints: {', '.join(free)}."
-        raise SpecError(finding(f"arm.joints.{joint.name}.mimic", problem, value=joint.mimic.joint, remedy=remedy))
-    path = f"arm.joints.{joint.name}.limits"
-    if joint.limits is None:
-        if joint.kind == "prismatic" and joint.mimic is None:
-            raise SpecError(finding(path, "a prismatic joint needs limits.", remedy="Write limits = [low, high] in m."))
-        return
-    low, high = joint.limits
-    if not (np.isfinite(low) and np.isfinite(high) and low <= high):
-        raise SpecError(finding(path, "limits must be finite and increase.", value=[low, high]))
