@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.interfaces import ArmColumns, Array, TracedArm, compiled_map
 from eiwa.core.joints import Coupling, Joint, Kind, Mimic, check, unit_of
-from eiwa.core.symbols import Column, Symbol, cross, dot, sincospi
+from eiwa.core.symbols import Column, Symbol, as_columns, cross, dot, sincospi
 from eiwa.core.transforms import Transform, align_z, frozen, inverse
 
 __all__ = ["Coupling", "Joint", "Kind", "Mimic", "SerialChain"]
@@ -182,8 +182,10 @@ class SerialChain(TracedArm):
     @cached_property
     def rank(self) -> int:
         """Largest rank of the Jacobian at some random postures."""
-        u = np.random.default_rng(0).uniform(size=(64, self.dof))
-        return int(np.linalg.matrix_rank(self.postures(u).jacobians, tol=1e-9).max())
+        u = as_columns(np.random.default_rng(0).uniform(size=(64, self.dof)))
+        rows = self.columns(u, list(self.constants)).jacobian
+        jacobians = np.stack([np.stack([np.broadcast_to(entry, 64) for entry in row], axis=-1) for row in rows], axis=1)
+        return int(np.linalg.matrix_rank(jacobians, tol=1e-9).max())
 
     def when_singular(self) -> str:
         """The hint of whoever built the chain."""

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.optimize import fsolve
 
-from eiwa.core.errors import SingularArm, SpecError
+from eiwa.core.errors import SpecError
 from eiwa.core.outcome import evaluate
 from eiwa.core.spec import check
 from eiwa.core.symbols import as_columns
@@ -209,8 +209,7 @@ def test_a_study_of_a_delta():
 
 
 def test_rows_that_a_delta_does_not_have_are_told():
-    with pytest.raises(SingularArm, match=r'dexterity\.rows: .*rows = "translation"'):
-        evaluate(study(dexterity_rows="rotation"), {})
+    assert delta().when_singular().endswith('a delta moves in translation only. Write rows = "translation".')
 
 
 def test_a_delta_that_cannot_be_assembled_is_told():

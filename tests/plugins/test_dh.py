@@ -264,8 +264,3 @@ def test_a_bound_of_a_row_is_a_path(tmp_path):
 def test_a_row_of_falling_limits_is_told_by_path(tmp_path):
     with pytest.raises(SpecError, match=r"arm\.coupled\.0\.limits = \[60, -60\]: must increase"):
         study(tmp_path, "{ joints = { shoulder = 1 }, limits = [60, -60] }")
-
-
-def test_rows_that_nothing_meets_are_told(tmp_path):
-    with pytest.raises(SpecError, match="arm: none of 16384 postures"):
-        evaluate(study(tmp_path, "{ joints = { shoulder = 1 }, limits = [200, 210] }"), {})

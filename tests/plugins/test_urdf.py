@@ -131,11 +131,11 @@ def study(arm, path=Path("small.toml"), **changes):
 
 
 def test_a_table_written_as_urdf_has_the_same_F(tmp_path):
-    (tmp_path / "mtm.urdf").write_text(TEXTS["mtm"])
-    as_urdf = {"kind": "urdf", "file": "mtm.urdf"}
-    as_table = {"kind": "dh", **TABLES["mtm"].model_dump(mode="json")}
-    changes = {"layout": {"spacing": 0.2, "offset": [0.0, 0.5, 0.2]}, "sampling": {"samples": 1 << 16}}
-    one, other = (evaluate(study(arm, tmp_path / "s.toml", **changes), {}, 3) for arm in (as_urdf, as_table))
+    table = arms.paper_table(limits=(-2.0, 2.0))
+    (tmp_path / "paper.urdf").write_text(urdf.from_table(table))
+    as_urdf, as_table = {"kind": "urdf", "file": "paper.urdf"}, {"kind": "dh", **table.model_dump(mode="json")}
+    more = {"sampling": {"samples": 1 << 16}}
+    one, other = (evaluate(study(arm, tmp_path / "s.toml", **more), {}, 3) for arm in (as_urdf, as_table))
     assert other.scenarios[""]["F"] > 0
     assert abs(one.scenarios[""]["F"] - other.scenarios[""]["F"]) < 0.01 * other.scenarios[""]["F_se"]
 
@@ -286,7 +286,7 @@ def test_angles_in_degrees(tmp_path):
 def test_the_file_is_part_of_the_hash(touch):
     before = touch.hash
     (touch.path.parent / "touch.urdf").write_text(TOUCH.replace("0.134", "0.135"))
-    assert check(touch.tree, touch.path).hash != before
+    assert study({"kind": "urdf", "file": "touch.urdf"}, touch.path).hash != before
 
 
 # Refused files
