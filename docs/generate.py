@@ -134,6 +134,8 @@ def allowed(key):
         return ", ".join(f'`"{v}"`' for v in key.get("enum", [key.get("const")]))
     if "$ref" in key:
         return key["$ref"].split("/")[-1]
+    if key["type"] == "object":
+        return f"table of name = {allowed(key['additionalProperties'])}"
     if key["type"] == "array":
         size = f"{key['minItems']} " if key.get("minItems") == key.get("maxItems", -1) else ""
         item = allowed(key["items"])

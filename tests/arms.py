@@ -70,45 +70,51 @@ PANDA_LIMITS = [
 ]
 
 
+def panda_table(tool=0.1034):
+    return table(
+        (0, -90, 90, 90, -90, 90, 90),
+        (0, 0, 0, 0.0825, -0.0825, 0, 0.088),
+        (0.333, 0, 0.316, 0, 0.384, 0, 0.107),
+        convention="modified",
+        limits=PANDA_LIMITS,
+        tool=[0.0, 0.0, tool],
+        tool_rpy=[0.0, 0.0, -np.pi / 4],
+    )
+
+
 def panda(tool=0.1034):
-    return chain(
-        table(
-            (0, -90, 90, 90, -90, 90, 90),
-            (0, 0, 0, 0.0825, -0.0825, 0, 0.088),
-            (0.333, 0, 0.316, 0, 0.384, 0, 0.107),
-            convention="modified",
-            limits=PANDA_LIMITS,
-            tool=[0.0, 0.0, tool],
-            tool_rpy=[0.0, 0.0, -np.pi / 4],
-        )
+    return chain(panda_table(tool))
+
+
+def mtm_table():
+    low = (-1.13446, -0.31416, -0.872665, -1.6580, -1.6580, -0.785398, -8.37758)
+    high = (0.698132, 1.13446, 0.610865, 3.5779, 3.2288, 0.785398, 7.85398)
+    return table(
+        (90, 0, -90, 90, -90, 90, 0),
+        (0, 0.2794, 0.3645, 0, 0, 0, 0),
+        (0, 0, 0, 0.1506, 0, 0, 0),
+        (-90, -90, 90, 0, 0, -90, 90),
+        convention="standard",
+        limits=list(zip(low, high, strict=True)),
     )
 
 
 def mtm():
-    low = (-1.13446, -0.31416, -0.872665, -1.6580, -1.6580, -0.785398, -8.37758)
-    high = (0.698132, 1.13446, 0.610865, 3.5779, 3.2288, 0.785398, 7.85398)
-    return chain(
-        table(
-            (90, 0, -90, 90, -90, 90, 0),
-            (0, 0.2794, 0.3645, 0, 0, 0, 0),
-            (0, 0, 0, 0.1506, 0, 0, 0),
-            (-90, -90, 90, 0, 0, -90, 90),
-            convention="standard",
-            limits=list(zip(low, high, strict=True)),
-        )
+    return chain(mtm_table())
+
+
+def ur5_table():
+    return table(
+        (90, 0, 0, 90, -90, 0),
+        (0, -0.425, -0.39225, 0, 0, 0),
+        (0.089459, 0, 0, 0.10915, 0.09465, 0.0823),
+        convention="standard",
+        limits=(-2 * np.pi, 2 * np.pi),
     )
 
 
 def ur5():
-    return chain(
-        table(
-            (90, 0, 0, 90, -90, 0),
-            (0, -0.425, -0.39225, 0, 0, 0),
-            (0.089459, 0, 0, 0.10915, 0.09465, 0.0823),
-            convention="standard",
-            limits=(-2 * np.pi, 2 * np.pi),
-        )
-    )
+    return chain(ur5_table())
 
 
 def touch():
@@ -145,7 +151,7 @@ def gantry(*limits):
 def forward(arm, q):
     """Tips, orientations and Jacobians from the formulas on NumPy columns."""
     q = np.asarray(q, float)
-    half_turns = q / np.where([joint.kind == "revolute" for joint in arm.movable], np.pi, 1.0)
+    half_turns = q / np.where([joint.kind == "revolute" for joint in arm.free], np.pi, 1.0)
     columns = arm.at(as_columns(q), as_columns(half_turns), list(arm.constants[2 * arm.dof :]))
 
     def stacked(entries):

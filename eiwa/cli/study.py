@@ -157,11 +157,15 @@ def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:
 
 def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
     """What the reader of the table must know."""
+    from eiwa.cli.tables import ranked
+
     trials = [r for r in rows if r["kind"] == "trial"]
     failed = [r for r in trials if r["state"] == "FAIL"]
     lines = []
-    if any("replicated.F" in r and r["replicated.F"] for r in rows if r["kind"] == "leader"):
-        lines.append("~ F cannot be told from the best trial's (95 %, paired replicates).")
+    best = "design" if ranked(spec) else "leader"
+    if any("replicated.F" in r and r["replicated.F"] for r in rows if r["kind"] == best):
+        of = "design" if ranked(spec) else "trial"
+        lines.append(f"~ F cannot be told from the best {of}'s (95 %, paired replicates).")
     if failed:
         lines.append(f"{len(failed)} of {len(trials)} trials failed; the last said: {failed[-1]['message']}")
     if trials and not any(r["feasible"] for r in trials):

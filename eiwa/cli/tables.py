@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Table
 from rich.text import Text
 
+from eiwa.core.named import parted
 from eiwa.core.spec import REFERENCE, StudySpec
-from eiwa.core.tree import lookup
+from eiwa.core.tree import exists, lookup
 
 if TYPE_CHECKING:
     from eiwa.study.converge import Point
@@ -45,7 +46,11 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
     shown = [(r["name"], r) for r in designs(spec, rows)]
     shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
-    winner = shown[-len(best)][1] if best else None
+    if ranked(spec):
+        sign = -1.0 if spec.objectives[0].direction == "maximize" else 1.0
+        shown.sort(key=lambda item: sign * item[1]["objectives.0"])
+    first = len(shown) - len(best) if best else 0
+    winner = shown[first][1] if best or (ranked(spec) and shown) else None
     for position, (name, row) in enumerate(shown):
         tie = " ~" if winner is not None and row is not winner and tied(winner, row) else ""
         values = [_value(spec, row, column, variables) for column in columns[:MAX_VALUES]]
@@ -53,11 +58,15 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
         values_of = [_plain(row.get(f"objectives.{i}")) for i, _ in objectives]
         design = spec.designs.get(name)
         known = [_plain(design.published.get(m)) if design else "" for m in published]
-        first_leader = bool(best) and position == len(shown) - len(best)
-        table.add_row(Text(name + tie), *values, *numbers, *values_of, *known, style="bold" if first_leader else None)
-        if position == len(shown) - len(best) - 1 and best:
+        table.add_row(Text(name + tie), *values, *numbers, *values_of, *known, style="bold" if row is winner else None)
+        if position == first - 1:
             table.add_section()
     return table
+
+
+def ranked(spec: StudySpec) -> bool:
+    """Whether named designs are ranked by the first objective: a study without trials that has one."""
+    return not spec.study.trials and bool(spec.objectives) and spec.objectives[0].over != "designs"
 
 
 def scenarios(spec: StudySpec, rows: Sequence[Row]) -> Table | None:
@@ -130,7 +139,7 @@ def with_error(value: float | None, error: float | None) -> str:
 
 def varied(spec: StudySpec) -> list[str]:
     """Paths that designs or the search change, searched ones first."""
-    named = [p for d in spec.designs.values() for p in d.overrides]
+    named = [p for d in spec.designs.values() for p in parted(d.overrides)[1]]
     return list(dict.fromkeys([*spec.searched, *named]))
 
 
@@ -187,12 +196,17 @@ def _value(spec: StudySpec, row: Row, column: str, variable: bool) -> str:
     if variable:
         return _plain(row.get(f"parameters.{column}"))
     overrides = json.loads(row["overrides"])
-    return _plain(overrides.get(column, lookup(spec.resolved, column)))
+    if column in overrides:
+        return _plain(overrides[column])
+    resolved = spec.defaults_with(parted(overrides)[0])
+    return _plain(lookup(resolved, column)) if exists(resolved, column) else ""
 
 
 def _plain(value: Any) -> str:
     if value is None:
         return ""
+    if isinstance(value, list):
+        return _shown(value)
     return (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}") if isinstance(value, float) else str(value)
 
 

@@ -2,41 +2,29 @@
 
 Inside, every joint is turned to move about or along z. The formulas are written on columns once; constants that are exactly
 0 or +-1 in a rotation, and exactly 0 in a translation, are folded at tracing, all others stay parameters of the kernel.
+A joint may mimic another, and rows lo <= c.q <= hi may couple the limits of several.
 """
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.interfaces import ArmColumns, Array, TracedArm, compiled_map
-from eiwa.core.symbols import Column, Symbol, cross, sincospi
+from eiwa.core.joints import Coupling, Joint, Kind, Mimic, check, unit_of
+from eiwa.core.symbols import Column, Symbol, as_columns, cross, dot, sincospi
 from eiwa.core.transforms import Transform, align_z, frozen, inverse
 
+__all__ = ["Coupling", "Joint", "Kind", "Mimic", "SerialChain"]
 MAX_JOINTS = 12
 
 Vector = Sequence[Column]
-Kind = Literal["revolute", "prismatic", "fixed"]
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint: ``T_parent_joint`` at zero, then a motion about (revolute, [rad]) or along (prismatic, [m]) ``axis``.
-
-    ``limits`` may be None for a revolute joint, which then covers a full turn and is not penalised.
-    """
-
-    name: str
-    kind: Kind
-    T_parent_joint: Transform
-    limits: tuple[float, float] | None = None
-    axis: tuple[float, float, float] = (0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,56 +34,104 @@ class SerialChain(TracedArm):
     Parameters
     ----------
     joints
-        In order from the base; 1-12 of them movable.
+        In order from the base; 1-12 of them free to move.
     T_last_tip
         The tool in the last joint's frame.
     T_base_first
         The first joint's parent frame in the arm's base frame.
     singular_hint
         What :meth:`when_singular` answers, computed when asked.
+    couplings
+        Joint vectors outside any of these rows are not valid; an index does not see how near they are.
 
     Raises
     ------
     SpecError
-        No movable joint, too many, limits that are not finite or not increasing, an unlimited prismatic joint.
+        No free joint, too many, limits that are not finite or not increasing, an unlimited prismatic joint, a joint
+        that mimics none of the free ones or leaves the one that drives it no range.
     """
 
     joints: tuple[Joint, ...]
     T_last_tip: Transform
     T_base_first: Transform
     singular_hint: Any = None
+    couplings: tuple[Coupling, ...] = ()
 
     def __post_init__(self) -> None:
-        movable = len(self.movable)
-        if not 1 <= movable <= MAX_JOINTS:
-            raise SpecError(finding("arm.joints", f"{movable} movable joints; a chain has 1 to {MAX_JOINTS}."))
+        free = len(self.free)
+        if not 1 <= free <= MAX_JOINTS:
+            raise SpecError(finding("arm.joints", f"{free} movable joints; a chain has 1 to {MAX_JOINTS}."))
         for joint in self.movable:
-            _check(joint)
+            check(joint, [j.name for j in self.free])
+        for joint, span in zip(self.free, self._ranges, strict=True):
+            if span is not None and span[0] > span[1]:
+                problem = "no value of the joint keeps those that mimic it within their limits."
+                raise SpecError(finding(f"arm.joints.{joint.name}.limits", problem, value=joint.limits))
 
     @cached_property
     def movable(self) -> tuple[Joint, ...]:
         """The joints that are not fixed."""
         return tuple(j for j in self.joints if j.kind != "fixed")
 
-    @property
-    def dof(self) -> int:  # type: ignore[override]
-        """Number of movable joints."""
-        return len(self.movable)
+    @cached_property
+    def free(self) -> tuple[Joint, ...]:
+        """The joints that move by themselves, one per degree of freedom."""
+        return tuple(j for j in self.movable if j.mimic is None)
 
     @property
+    def dof(self) -> int:  # type: ignore[override]
+        """Number of free joints."""
+        return len(self.free)
+
+    @cached_property
+    def drives(self) -> tuple[tuple[int, float, float], ...]:
+        """Of each movable joint: which free joint drives it, multiplier and offset."""
+        number = {joint.name: k for k, joint in enumerate(self.free)}
+        return tuple(
+            (number[j.name], 1.0, 0.0)
+            if j.mimic is None
+            else (number[j.mimic.joint], j.mimic.multiplier, j.mimic.offset)
+            for j in self.movable
+        )
+
+    @cached_property
+    def _ranges(self) -> tuple[tuple[float, float] | None, ...]:
+        """Of each free joint: the values that keep it and all that mimic it within their limits, if any has some."""
+        ranges: list[tuple[float, float] | None] = [None] * self.dof
+        for joint, (k, multiplier, offset) in zip(self.movable, self.drives, strict=True):
+            if joint.limits is not None:
+                low, high = sorted((limit - offset) / multiplier for limit in joint.limits)
+                known = ranges[k]
+                ranges[k] = (low, high) if known is None else (max(known[0], low), min(known[1], high))
+        return tuple(ranges)
+
+    @cached_property
     def limited(self) -> tuple[bool, ...]:  # type: ignore[override]
-        """Whether each movable joint has limits a penalty can use."""
-        return tuple(j.limits is not None and j.limits[0] < j.limits[1] for j in self.movable)
+        """Whether each free joint has limits a penalty can use."""
+        return tuple(span is not None and span[0] < span[1] for span in self._ranges)
 
     @cached_property
     def lower(self) -> NDArray[np.float64]:
         """Lower ends of the sampled ranges, shape (dof,) [rad or m]."""
-        return frozen([j.limits[0] if j.limits else -np.pi for j in self.movable])
+        return frozen([span[0] if span else -np.pi for span in self._ranges])
 
     @cached_property
     def upper(self) -> NDArray[np.float64]:
         """Upper ends of the sampled ranges, shape (dof,) [rad or m]."""
-        return frozen([j.limits[1] if j.limits else np.pi for j in self.movable])
+        return frozen([span[1] if span else np.pi for span in self._ranges])
+
+    @cached_property
+    def rows(self) -> NDArray[np.float64]:
+        """The couplings as low <= C q <= high: C, low and high side by side, shape (rows, dof + 2)."""
+        drives = dict(zip([j.name for j in self.movable], self.drives, strict=True))
+        rows = np.zeros((len(self.couplings), self.dof + 2))
+        for row, coupling in zip(rows, self.couplings, strict=True):
+            row[-2:] = coupling.low, coupling.high
+            for name, coefficient in coupling.coefficients.items():
+                k, multiplier, offset = drives[name]
+                row[k] += coefficient * multiplier
+                row[-2:] -= coefficient * offset
+        return frozen(rows)
 
     @cached_property
     def Ts_fixed(self) -> NDArray[np.float64]:
@@ -121,26 +157,35 @@ class SerialChain(TracedArm):
 
     @cached_property
     def constants(self) -> NDArray[np.float64]:  # type: ignore[override]
-        """Ranges of the joints (half turns or m), then the free entries of the fixed transforms."""
+        """Ranges of the joints (half turns or m), the free entries of the fixed transforms, the rows of the couplings."""
         ranges = np.stack([self.lower, self.upper - self.lower], axis=1) / self._units[:, None]
-        return frozen(np.concatenate([ranges.ravel(), self.Ts_fixed[:, :3, :][self._free]]))
+        return frozen(np.concatenate([ranges.ravel(), self.Ts_fixed[:, :3, :][self._free], self.rows.ravel()]))
 
     @cached_property
     def _units(self) -> NDArray[np.float64]:
-        """rad per half turn for revolute joints, which saves the reduction of angles; 1 m for prismatic ones."""
-        return frozen([np.pi if joint.kind == "revolute" else 1.0 for joint in self.movable])
+        """:func:`unit_of` each free joint."""
+        return frozen([unit_of(joint) for joint in self.free])
 
     @cached_property
     def structure(self) -> Hashable:  # type: ignore[override]
-        """Kinds of joints and the pattern of folded entries."""
+        """Kinds of joints, what drives them, the pattern of folded entries, and which joints are coupled."""
         folded = np.where(self._free, 2.0, self.Ts_fixed[:, :3, :])
-        return tuple(j.kind for j in self.movable), self.limited, folded.tobytes()
+        coupled = (self.rows[:, : self.dof] != 0.0).tobytes()
+        return tuple(j.kind for j in self.movable), self.drives, self.limited, folded.tobytes(), coupled
 
     @cached_property
     def link_length(self) -> float:
         """Sum of the distances between consecutive frames, tool included [m]."""
         Ts = [joint.T_parent_joint for joint in self.joints] + [self.T_last_tip]
         return float(sum(np.linalg.norm(T[:3, 3]) for T in Ts))
+
+    @cached_property
+    def rank(self) -> int:
+        """Largest rank of the Jacobian at some random postures."""
+        u = as_columns(np.random.default_rng(0).uniform(size=(64, self.dof)))
+        rows = self.columns(u, list(self.constants)).jacobian
+        jacobians = np.stack([np.stack([np.broadcast_to(entry, 64) for entry in row], axis=-1) for row in rows], axis=1)
+        return int(np.linalg.matrix_rank(jacobians, tol=1e-9).max())
 
     def when_singular(self) -> str:
         """The hint of whoever built the chain."""
@@ -152,8 +197,19 @@ class SerialChain(TracedArm):
         return (np.asarray(q, float) - self.lower) / np.where(span > 0, span, 1.0)
 
     def columns(self, u: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
-        """Joint values from the unit cube, then :meth:`at`."""
-        return self.at(u, [p[2 * j] + u[j] * p[2 * j + 1] for j in range(self.dof)], p[2 * self.dof :])
+        """Joint values from the unit cube, then :meth:`at`; valid where every coupling holds."""
+        at = self.at(u, [p[2 * j] + u[j] * p[2 * j + 1] for j in range(self.dof)], p[2 * self.dof :])
+        return replace(at, valid=self._within(at.q, p[len(p) - self.rows.size :]))
+
+    def _within(self, q: Sequence[Column], p: Sequence[Column]) -> Column:
+        """Whether joint values lie within every coupling, whose rows are ``p``."""
+        valid: Column = True
+        for k, row in enumerate(self.rows):
+            *coefficients, low, high = p[k * len(row) : (k + 1) * len(row)]
+            chosen = [j for j in range(self.dof) if row[j] != 0.0]
+            total = dot([coefficients[j] for j in chosen], [q[j] for j in chosen])
+            valid = (total >= low) & (total <= high) & valid
+        return valid
 
     def at(self, u: Sequence[Column], h: Sequence[Column], p: Sequence[Column]) -> ArmColumns:
         """Forward map and geometric Jacobian on columns, at joint values ``h`` in half turns or m."""
@@ -169,11 +225,12 @@ class SerialChain(TracedArm):
             points.append([o, before] if _along_z(*fixed[j]) else [o])
             if j > 0 and _on_z(fixed[j][1]):
                 points[j - 1].append(o)
+            value = self._value(j, h)
             if joint.kind == "revolute":
-                s, c = sincospi(h[j])
+                s, c = sincospi(value)
                 R = [[c * r[0] + s * r[1], c * r[1] - s * r[0], r[2]] for r in R]
             else:
-                o = [a + h[j] * z for a, z in zip(o, axes[j], strict=True)]
+                o = [a + value * z for a, z in zip(o, axes[j], strict=True)]
         R, tip = _compose(R, o, *fixed[-1])
         if _on_z(fixed[-1][1]):
             points[-1].append(tip)
@@ -187,18 +244,30 @@ class SerialChain(TracedArm):
             reduced=self._jacobian(self._meeting_point(tip, points), axes, points) if self.dof >= 6 else None,
         )
 
+    def _value(self, j: int, h: Sequence[Column]) -> Column:
+        """Value of a movable joint, in half turns or m, from those of the free joints."""
+        k, multiplier, offset = self.drives[j]
+        unit = unit_of(self.movable[j])
+        return h[k] * (multiplier * float(self._units[k]) / unit) + offset / unit
+
     def _jacobian(self, reference: Vector, axes: list[Vector], points: list[list[Vector]]) -> list[list[Column]]:
-        """The geometric Jacobian at a point; a column's linear part vanishes where the axis is known to pass through it."""
-        twists: list[list[Column]] = []
-        for joint, axis, on_axis in zip(self.movable, axes, points, strict=True):
+        """The geometric Jacobian at a point: each free joint's column sums what it drives.
+
+        The linear part vanishes where the axis is known to pass through the point.
+        """
+        jacobian: list[list[Column]] = [[0.0] * self.dof for _ in range(6)]
+        for joint, drive, axis, on_axis in zip(self.movable, self.drives, axes, points, strict=True):
             if joint.kind == "prismatic":
-                twists.append([*axis, 0.0, 0.0, 0.0])
+                twist = [*axis, 0.0, 0.0, 0.0]
             elif any(_same(point, reference) for point in on_axis):
-                twists.append([0.0, 0.0, 0.0, *axis])
+                twist = [0.0, 0.0, 0.0, *axis]
             else:
                 lever = [a - b for a, b in zip(reference, on_axis[0], strict=True)]
-                twists.append([*cross(axis, lever), *axis])
-        return [[twist[row] for twist in twists] for row in range(6)]
+                twist = [*cross(axis, lever), *axis]
+            k, multiplier, _ = drive
+            for row, entry in zip(jacobian, twist, strict=True):
+                row[k] = entry * multiplier + row[k]
+        return jacobian
 
     def _meeting_point(self, tip: Vector, points: list[list[Vector]]) -> Vector:
         """The point through which most revolute axes pass; the tip, if none is better."""
@@ -292,17 +361,3 @@ def _row_times(row: Sequence[Column], vector: Sequence[Column]) -> Column:
     for a, b in zip(row, vector, strict=True):
         total = total + a * b
     return total
-
-
-def _check(joint: Joint) -> None:
-    if not (np.isfinite(joint.T_parent_joint).all() and np.isfinite(joint.axis).all() and any(joint.axis)):
-        problem = "a joint needs a finite transform and an axis that is not zero."
-        raise SpecError(finding(f"arm.joints.{joint.name}", problem, value=joint.axis))
-    path = f"arm.joints.{joint.name}.limits"
-    if joint.limits is None:
-        if joint.kind == "prismatic":
-            raise SpecError(finding(path, "a prismatic joint needs limits.", remedy="Write limits = [low, high] in m."))
-        return
-    low, high = joint.limits
-    if not (np.isfinite(low) and np.isfinite(high) and low <= high):
-        raise SpecError(finding(path, "limits must be finite and increase.", value=[low, high]))

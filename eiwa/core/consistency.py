@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 from eiwa.core.design import SECTIONS, Design
 from eiwa.core.errors import SpecError, finding
-from eiwa.core.tree import did_you_mean, exists, lookup
+from eiwa.core.named import parted
+from eiwa.core.tree import Tree, did_you_mean, exists, lookup
 
 if TYPE_CHECKING:
     from eiwa.core.spec import StudySpec
@@ -24,10 +25,21 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
     resolved = spec.defaults
     uses = [(f'search."{p}"', p, True) for p in spec.searched]
     uses += [(f'scenarios."{p}"', p, False) for p in spec.tree.get("scenarios", {})]
-    uses += [(f'designs.{n}."{p}"', p, False) for n, d in spec.designs.items() for p in d.overrides]
     for path in spec.assumptions:
         if not exists(spec.resolved, path):
             yield finding(f'assumptions."{path}"', "the study has no such path.")
+    yield from _missing(resolved, uses)
+    for name, d in spec.designs.items():
+        tables, values = parted(d.overrides)
+        try:
+            known = spec.defaults_with(tables)
+        except SpecError as error:
+            yield from (f"designs.{name}: {line}" for line in error.findings)
+            continue
+        yield from _missing(known, [(f'designs.{name}."{path}"', path, False) for path in values])
+
+
+def _missing(resolved: Tree, uses: Iterable[tuple[str, str, bool]]) -> Iterable[str]:
     for where, path, numeric in uses:
         if numeric and path.split(".")[0] not in SECTIONS:
             yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Any, get_args
 
-from pydantic import PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic import BaseModel, PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
 
 
 @dataclass(frozen=True)
@@ -50,3 +50,13 @@ FileParameter = Annotated[
     WithJsonSchema({"type": "string", "description": "A file, relative to the study file."}),
 ]
 """Type of a plugin's parameter that names a file; its content is part of the study's hash."""
+
+
+def rebased(model: type[BaseModel], table: dict[str, Any], folder: PurePosixPath) -> dict[str, Any]:
+    """A table of that model from a file in another folder: the files that it names are named from the study's folder."""
+    files = {name for name, field in model.model_fields.items() if _is_file(field.annotation)}
+    return {k: str(folder / v) if k in files and isinstance(v, str) and v else v for k, v in table.items()}
+
+
+def _is_file(annotation: Any) -> bool:
+    return annotation is DataFile or any(_is_file(part) for part in get_args(annotation))

@@ -26,7 +26,7 @@ from eiwa.core.sections import (
 from eiwa.core.tree import Tree, did_you_mean
 
 SECTIONS = ("arm", "layout", "operator", "human", "dexterity", "voxels", "sampling", "metrics")
-ALWAYS = ("F", "singletons")
+ALWAYS = ("F", "singletons", "valid_share")
 """Metrics that are part of every row, for trust."""
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.errors import PluginError, SingularArm, blaming, name_of
+from eiwa.core.errors import PluginError, SingularArm, SpecError, blaming, finding, name_of
 from eiwa.core.interfaces import NOTHING, Arm, Array, DexterityIndex, TracedArm, TracedIndex, where_valid
 from eiwa.core.kernel import Map
 from eiwa.core.optimum import maximum, pilot_points
@@ -28,6 +28,8 @@ class Dexterity:
     prepared: NDArray[np.float64]
     normaliser: float
     threshold: float
+    valid_share: float = 1.0
+    """Share of the pilot's postures that are valid."""
 
     def raw(self, u: Array) -> tuple[Array, Array]:
         """Tips (n, 3) [m] and the index before normalisation (n,), -1 where there is no solution."""
@@ -52,27 +54,32 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     ------
     SingularArm
         The index is (numerically) zero at every posture of the pilot.
+    SpecError
+        No posture of the pilot is valid.
     PluginError
         The arm or the index answers with values that are not finite.
     """
     u = pilot_points(arm.dof)
     needs_postures = type(index).prepare is not DexterityIndex.prepare
     with blaming(arm):
-        pilot = arm.postures(u) if needs_postures else None
+        pilot = arm.postures(u).solved if needs_postures else None
+    if pilot is not None:
+        _refuse_invalid(pilot.valid, len(u))
     with blaming(index):
         prepared = index.prepare(arm, pilot) if pilot is not None else NOTHING
     unit = Dexterity(arm, index, prepared, 1.0, threshold)
     tips, raw = unit.raw(u)
-    everywhere = np.ones(len(u), bool)
-    _refuse_not_finite(arm, "tips", tips, u, everywhere)
-    _refuse_not_finite(index, "values", raw, u, everywhere)
-    size = max(float(np.abs(tips).max()), 1e-3)
+    valid = raw != -1.0
+    _refuse_invalid(valid, len(u))
+    _refuse_not_finite(arm, "tips", tips, u, valid)
+    _refuse_not_finite(index, "values", raw, u, valid)
+    size = max(float(np.abs(tips[valid]).max()), 1e-3)
     if raw.max() <= 1e-12 * size**3:
         zero = f"dexterity: the index is zero at every posture (at most {raw.max():.1g}). Check its parameters."
         raise SingularArm(arm.when_singular() or zero)
     if normaliser is None:
         normaliser = maximum(lambda v: unit.raw(v)[1], u, raw)
-    return Dexterity(arm, index, prepared, normaliser, threshold)
+    return Dexterity(arm, index, prepared, normaliser, threshold, float(valid.mean()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,6 +178,12 @@ def _refuse_not_finite(part: object, what: str, values: Array, u: Array, valid: 
         where = np.array2string(u[wrong][0], precision=4, separator=", ")
         many = f"{int(wrong.sum())} of {len(u)} postures, first at u = {where}"
         raise PluginError(f"{name_of(part)}: {what} that are not finite at {many}")
+
+
+def _refuse_invalid(valid: NDArray[Any], tried: int) -> None:
+    if not valid.any():
+        remedy = "Check coupled limits, joint limits and lengths."
+        raise SpecError(finding("arm", f"none of {tried} postures within the joint limits is valid.", remedy=remedy))
 
 
 def _structure(index: DexterityIndex) -> Any:

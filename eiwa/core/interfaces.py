@@ -44,6 +44,13 @@ class Postures:
     valid: NDArray[np.bool_]
     limited: tuple[bool, ...]
 
+    @property
+    def solved(self) -> Postures:
+        """Those that are valid."""
+        v = self.valid
+        u, q, tips, rotations, jacobians = self.u[v], self.q[v], self.tips[v], self.rotations[v], self.jacobians[v]
+        return Postures(u, q, tips, rotations, jacobians, v[v], self.limited)
+
 
 @dataclass(frozen=True)
 class ArmColumns:
@@ -136,7 +143,7 @@ class DexterityIndex(ABC):
     """A non-negative index of how well a posture can be moved from; 0 means not at all."""
 
     def prepare(self, arm: Arm, pilot: Postures) -> NDArray[np.float64]:
-        """Numbers that the index needs for this arm, learned from a fixed pilot of samples; shape (k,)."""
+        """Numbers that the index needs for this arm, learned from the valid postures of a fixed pilot; shape (k,)."""
         return NOTHING
 
     @abstractmethod

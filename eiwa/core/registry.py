@@ -31,7 +31,9 @@ KINDS = {
 """Section of the study file -> hook."""
 
 BUILT_IN = (
+    "eiwa.plugins.arms.delta",
     "eiwa.plugins.arms.dh",
+    "eiwa.plugins.arms.urdf",
     "eiwa.plugins.dexterity.yoshikawa",
     "eiwa.plugins.humans.ehem",
     "eiwa.plugins.metrics.interaction",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -141,7 +141,7 @@ class ConstraintSection(Parameters):
 
 
 class DesignSection(Parameters):
-    """A named design: paths with values, and what was published about it."""
+    """A named design: paths with values, sections with whole tables, and what was published about it."""
 
-    overrides: dict[str, float | int | str | list[float]]
+    overrides: dict[str, float | int | str | list[float] | dict[str, Any]]
     published: dict[str, float] = quantity({}, description="Metric -> published value.")

@@ -6,7 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -18,6 +18,7 @@ from eiwa.core.design import SECTIONS, Design, design
 from eiwa.core.errors import EiwaError, SpecError, finding
 from eiwa.core.expressions import Expression, in_order
 from eiwa.core.findings import validated
+from eiwa.core.named import named_design, parted, pinned, refuse_unquoted
 from eiwa.core.registry import Registry
 from eiwa.core.sections import ConstraintSection, DesignSection, ObjectiveSection, RangeSection, StudySection
 from eiwa.core.tree import Tree, did_you_mean, exists, leaves, lookup, replaced
@@ -73,7 +74,18 @@ class StudySpec:
 
     def design(self, overrides: Mapping[str, Any]) -> Design:
         """The design with other values at some paths, validated as if the user had written it."""
-        return design(replaced(self.tree, overrides, self.defaults), self.registry, self.needed)
+        return design(self.replaced(overrides), self.registry, self.needed)
+
+    def replaced(self, overrides: Mapping[str, Any]) -> Tree:
+        """The study file with other values at some paths; paths lead into whole tables that are replaced first."""
+        tables, values = parted(overrides)
+        return replaced({**self.tree, **tables}, values, self.defaults_with(tables))
+
+    def defaults_with(self, tables: Tree) -> Tree:
+        """:attr:`defaults`, where some tables are replaced."""
+        if not tables:
+            return self.defaults
+        return {**self.defaults, **design({**self.tree, **tables}, self.registry).resolved()}
 
     def overrides(self, parameters: Mapping[str, float]) -> dict[str, float]:
         """Values at the searched paths, from the sampler's parameters.
@@ -176,7 +188,7 @@ def check(tree: Tree, path: Path) -> StudySpec:
             scenarios=_scenarios(tree, defaults),
             objectives=_list(tree, "objectives", ObjectiveSection),
             constraints=_list(tree, "constraints", ConstraintSection),
-            designs={n: _design(n, t) for n, t in _table(tree, "designs").items()},
+            designs={n: named_design(n, t, registry) for n, t in _table(tree, "designs").items()},
             assumptions=_assumptions(tree),
             defaults=defaults,
         )  # fmt: skip
@@ -186,7 +198,19 @@ def check(tree: Tree, path: Path) -> StudySpec:
         raise SpecError(*findings)
     if findings := consistency.findings(spec, base):
         raise SpecError(*findings)
-    return spec
+    return _pinned(spec)
+
+
+def _pinned(spec: StudySpec) -> StudySpec:
+    """The study with the files that it names known by their content: one that changes later is told."""
+    tree = {**spec.tree, **{s: pinned(spec.tree[s], spec.defaults.get(s)) for s in SECTIONS if s in spec.tree}}
+    designs = {}
+    for name, section in spec.designs.items():
+        resolved = spec.design(section.overrides).resolved()
+        at = {p: lookup(resolved, p) if exists(resolved, p) else None for p in section.overrides}
+        overrides = {p: pinned(value, at[p]) for p, value in section.overrides.items()}
+        designs[name] = section.model_copy(update={"overrides": overrides})
+    return replace(spec, tree=tree, designs=designs)
 
 
 def _plugin_files(tree: Tree, path: Path) -> list[tuple[Path, str, str]]:
@@ -264,29 +288,10 @@ def _scenarios(tree: Tree, defaults: Tree) -> list[Scenario]:
 
 def _assumptions(tree: Tree) -> Mapping[str, str]:
     for path, reason in _table(tree, "assumptions").items():
-        _refuse_unquoted("assumptions", path, reason)
+        refuse_unquoted("assumptions", path, reason)
         if not isinstance(reason, str):
             raise SpecError(finding(f'assumptions."{path}"', "must be a text that says why.", value=reason))
     return _table(tree, "assumptions")
-
-
-def _refuse_unquoted(table: str, path: str, value: Any) -> None:
-    """A path without quotes is a table in TOML; tell which quotes are missing."""
-    if isinstance(value, dict):
-        whole, inner = next(iter(leaves(value, path)))
-        shown = inner if isinstance(inner, int | float) else repr(inner)
-        remedy = f'Quote the whole path: "{whole}" = {shown}.'
-        raise SpecError(finding(f"{table}.{path}", "values stand at quoted paths here.", remedy=remedy))
-
-
-def _design(name: str, table: Any) -> DesignSection:
-    if not isinstance(table, dict):
-        raise SpecError(finding(f"designs.{name}", f"must be a table: write [designs.{name}].", value=table))
-    overrides = {k: v for k, v in table.items() if k != "published"}
-    for path, value in overrides.items():
-        _refuse_unquoted(f"designs.{name}", path, value)
-    section = {"overrides": overrides, "published": table.get("published", {})}
-    return validated(DesignSection, section, f"designs.{name}")
 
 
 def differences(old: Tree, new: Tree) -> list[str]:

@@ -57,7 +57,7 @@ def _point(
     settings = {"sampling.estimator": estimator, "sampling.samples": samples, "voxels.size": size}
     counting = "corrected" if estimator == "elites" else "cells"
     kept = {"F": spec.tree.get("metrics", {}).get("F", {}), "dexterous_volume": {"counting": counting}}
-    tree = replaced(spec.tree, {**overrides, **settings, "sampling.tolerance": tolerance, "metrics": kept})
+    tree = replaced(spec.replaced(overrides), {**settings, "sampling.tolerance": tolerance, "metrics": kept})
     bare = {
         k: v for k, v in tree.items() if k not in ("scenarios", "objectives", "constraints", "designs", "assumptions")
     }

@@ -27,8 +27,10 @@ from eiwa.core import reuse
 from eiwa.core.compiled import cpu
 from eiwa.core.errors import EiwaError
 from eiwa.core.kernel import thread_count
+from eiwa.core.named import parted
 from eiwa.core.outcome import evaluate
 from eiwa.core.spec import StudySpec
+from eiwa.core.tree import exists, lookup
 from eiwa.core.version import __version__
 
 Kind = Literal["design", "trial", "leader"]
@@ -53,7 +55,8 @@ class Task:
 def schema(spec: StudySpec) -> pa.Schema:
     """The columns of a study's rows."""
     numbers = [n.name for plugin, _ in spec.design({}).metrics.values() for n in plugin.numbers]
-    paths = sorted({*spec.searched, *(p for d in spec.designs.values() for p in d.overrides)})
+    valued = [(p, v) for d in spec.designs.values() for p, v in parted(d.overrides)[1].items()]
+    paths = dict(sorted([*valued, *((p, 0.0) for p in spec.searched)]))
     reals = [f"parameters.{name}" for name in spec.ranges]
     reals += [f"objectives.{i}" for i in range(len(spec.objectives))]
     reals += [f"constraints.{i}" for i in range(len(spec.constraints))]
@@ -64,7 +67,7 @@ def schema(spec: StudySpec) -> pa.Schema:
         ("number", pa.int64()),
         *((c, pa.string()) for c in ("state", "message")),
         ("feasible", pa.bool_()),
-        *((f"values.{p}", _type_at(resolved, p)) for p in paths),
+        *((f"values.{p}", _type(lookup(resolved, p) if exists(resolved, p) else v)) for p, v in paths.items()),
         *((c, pa.float64()) for c in reals),
         ("replicates", pa.int64()),
         ("replicated.F", pa.list_(pa.float64())),
@@ -98,7 +101,7 @@ def row(spec: StudySpec, task: Task) -> Row:
         "number": task.number,
         "replicates": task.replicates,
         "overrides": json.dumps(dict(task.overrides), sort_keys=True),
-        **{f"values.{path}": value for path, value in task.overrides.items()},
+        **{f"values.{path}": value for path, value in parted(task.overrides)[1].items()},
         **{f"parameters.{name}": value for name, value in (task.parameters or {}).items()},
     }
     try:
@@ -152,10 +155,7 @@ def _message(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def _type_at(resolved: Any, path: str) -> pa.DataType:
-    from eiwa.core.tree import lookup
-
-    value = lookup(resolved, path)
+def _type(value: Any) -> pa.DataType:
     if isinstance(value, str):
         return pa.string()
     return pa.list_(pa.float64()) if isinstance(value, list) else pa.float64()

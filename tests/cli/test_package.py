@@ -11,7 +11,7 @@ import eiwa
 from eiwa.core.version import __version__
 from tests.study import small
 
-HEAVY = {"numba", "llvmlite", "optuna", "pyarrow", "scipy", "matplotlib", "pandas", "sqlalchemy"}
+HEAVY = {"numba", "llvmlite", "optuna", "pyarrow", "scipy", "matplotlib", "pandas", "sqlalchemy", "lxml"}
 
 
 def test_what_the_package_exports():
@@ -33,7 +33,7 @@ def test_imports_nothing_heavy(code):
 
 def test_findings_come_without_the_search():
     """A study file is checked without Optuna and Parquet."""
-    assert modules("import eiwa.core.spec") & {"optuna", "pyarrow", "matplotlib"} == set()
+    assert modules("import eiwa.core.spec") & {"optuna", "pyarrow", "matplotlib", "lxml"} == set()
 
 
 @pytest.mark.parametrize("command", [["-m", "eiwa"], ["-c", "from eiwa.cli import main; main()"]], ids=" ".join)

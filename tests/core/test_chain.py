@@ -1,15 +1,17 @@
 """The chain against closed forms, published numbers, Pinocchio and finite differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from eiwa.core.chain import Joint, SerialChain
+from eiwa.core.chain import Coupling, Joint, Mimic, SerialChain
 from eiwa.core.errors import SpecError
 from eiwa.core.linear import volume
 from eiwa.core.optimum import maximum, pilot_points
 from eiwa.core.sampling import Stream
-from eiwa.core.symbols import Tape
+from eiwa.core.symbols import Tape, as_columns
 from eiwa.core.transforms import inverse, roll_pitch_yaw, rotation_x, translation
 from tests import arms
 from tests.arms import ROTATION, TRANSLATION, forward, manipulability, printed
@@ -476,3 +478,75 @@ def test_transform_times_its_inverse_is_the_identity():
 @pytest.mark.parametrize("quarters", range(-5, 6))
 def test_quarter_turns_are_exact(quarters):
     assert set(np.abs(rotation_x(quarters * np.pi / 2)).ravel()) == {0.0, 1.0}
+
+
+# Coupled limits.
+
+
+def coupled(*couplings, limits=(-1.0, 1.0)):
+    """Two links, and rows over their joints."""
+    chain = arms.planar(0.3, 0.2)
+    joints = tuple(replace(joint, limits=limits) for joint in chain.joints)
+    return replace(chain, joints=joints, couplings=couplings)
+
+
+def valid(arm, n=2000):
+    """Joint vectors of random points of the unit cube, and which are valid, on NumPy columns."""
+    u = np.random.default_rng(0).uniform(size=(n, arm.dof))
+    columns = arm.columns(as_columns(u), list(arm.constants))
+    return np.stack(columns.q, axis=1), np.broadcast_to(columns.valid, n)
+
+
+def test_without_rows_every_posture_is_valid():
+    assert coupled().columns(as_columns(np.zeros((1, 2))), list(coupled().constants)).valid is True
+
+
+def test_a_row_bounds_a_sum_of_joints():
+    q, found = valid(coupled(Coupling({"j0": 1.0, "j1": 2.0}, -0.5, 0.8)))
+    total = q[:, 0] + 2 * q[:, 1]
+    np.testing.assert_array_equal(found, (total >= -0.5) & (total <= 0.8))
+
+
+def test_every_row_must_hold():
+    q, found = valid(coupled(Coupling({"j0": 1.0, "j1": 1.0}, -0.5, 0.5), Coupling({"j0": 1.0, "j1": -1.0}, 0.0, 2.0)))
+    sums, differences_ = q[:, 0] + q[:, 1], q[:, 0] - q[:, 1]
+    np.testing.assert_array_equal(found, (np.abs(sums) <= 0.5) & (differences_ >= 0))
+
+
+def test_a_row_over_a_joint_that_mimics_is_one_over_its_source():
+    """q_1 = 3 q_0 + 0.1, so 0 <= q_1 <= 1 is -0.1 / 3 <= q_0 <= 0.3."""
+    arm = coupled(Coupling({"j1": 1.0}, 0.0, 1.0))
+    arm = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], limits=None, mimic=Mimic("j0", 3.0, 0.1))))
+    q, found = valid(arm)
+    np.testing.assert_array_equal(found, (q[:, 0] >= -0.1 / 3) & (q[:, 0] <= 0.3))
+
+
+def test_the_compiled_mask_is_that_of_the_formulas():
+    arm = coupled(Coupling({"j0": 1.0, "j1": 1.0}, -0.5, 0.5))
+    u = np.random.default_rng(0).uniform(size=(2000, 2))
+    np.testing.assert_array_equal(arm.postures(u).valid, valid(arm)[1])
+
+
+def test_bounds_of_a_row_are_no_part_of_the_structure():
+    one, other = (coupled(Coupling({"j0": 1.0, "j1": 1.0}, -0.5, high)) for high in (0.5, 0.6))
+    assert one.structure == other.structure
+    assert one.structure != coupled(Coupling({"j0": 1.0}, -0.5, 0.5)).structure
+
+
+# Joints that mimic others (random ones, against Pinocchio: tests/plugins/test_urdf.py).
+
+
+@pytest.mark.parametrize("source", ["nothing", "j1"])
+def test_a_mimic_of_no_free_joint_is_refused(source):
+    arm = arms.planar(0.3, 0.2)
+    with pytest.raises(SpecError, match=r"arm\.joints\.j1\.mimic.*Free joints: j0"):
+        replace(arm, joints=(arm.joints[0], replace(arm.joints[1], mimic=Mimic(source))))
+
+
+def test_the_column_of_a_source_sums_what_it_drives():
+    """A pantograph: the second joint turns back what the first one turned, so the second link keeps its direction."""
+    arm = arms.planar(0.3, 0.2)
+    arm = replace(arm, joints=(arm.joints[0], replace(arm.joints[1], mimic=Mimic("j0", -1.0))))
+    tips, _, jacobians = forward(arm, np.array([[0.5]]))
+    np.testing.assert_allclose(tips[0], [0.3 * np.cos(0.5) + 0.2, 0.3 * np.sin(0.5), 0], atol=1e-16)
+    np.testing.assert_allclose(jacobians[0, :, 0], [-0.3 * np.sin(0.5), 0.3 * np.cos(0.5), 0, 0, 0, 0], atol=1e-16)

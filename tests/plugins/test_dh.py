@@ -5,9 +5,12 @@ import pytest
 from pydantic import ValidationError
 
 from eiwa.core.errors import SpecError
+from eiwa.core.outcome import evaluate
+from eiwa.core.spec import load
 from eiwa.plugins.arms.dh import DhJoint, DhParameters, chain, eiwa_arms
 from tests import arms
 from tests.arms import FULL_TURN, forward, paper, paper_table, table
+from tests.study import small
 
 
 def Rx(a):
@@ -154,6 +157,14 @@ REFUSED = {
         "finite number",
     ),
     "NaN length": ({"convention": "standard", "joints": [{**ROW, "a": np.nan}]}, "finite number"),
+    "falling coupled limits": (
+        {"convention": "standard", "joints": [ROW], "coupled": [{"joints": {"a": 1.0}, "limits": [1.0, 0.0]}]},
+        "must increase",
+    ),
+    "coupled limits of nothing": (
+        {"convention": "standard", "joints": [ROW], "coupled": [{"joints": {}, "limits": [0.0, 1.0]}]},
+        "at least 1 item",
+    ),
     "unlimited prismatic joint": (
         {"convention": "standard", "joints": [{**ROW, "kind": "prismatic"}]},
         "prismatic joint needs limits",
@@ -194,3 +205,62 @@ def test_an_arm_that_is_singular_either_way_points_to_the_rows():
 
 def test_the_explanation_names_the_field():
     assert paper(convention="standard").when_singular().startswith("arm.convention = 'standard'")
+
+
+# Coupled limits.
+
+
+def coupled(limits, angles="deg", **row):
+    joints = [
+        DhJoint(name="turn", a=0.1, limits=[-90.0, 90.0] if angles == "deg" else [-1.5, 1.5]),
+        DhJoint(name="elbow", a=0.1, limits=[-90.0, 90.0] if angles == "deg" else [-1.5, 1.5]),
+        DhJoint(name="slide", kind="prismatic", limits=[0.0, 0.3]),
+        DhJoint(name="hand", kind="fixed"),
+    ]
+    rows = [{"joints": row, "limits": limits}]
+    return DhParameters(convention="standard", angles=angles, joints=joints, coupled=rows)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "row"),
+    [
+        (coupled([-90.0, 45.0], turn=1.0, elbow=1.0), [1, 1, 0, -np.pi / 2, np.pi / 4]),
+        (coupled([-1.0, 0.5], "rad", turn=1.0, elbow=-2.0), [1, -2, 0, -1.0, 0.5]),
+        (coupled([0.0, 0.2], slide=1.0), [0, 0, 1, 0.0, 0.2]),
+        (coupled([0.0, 90.0], turn=1.0, slide=180.0), [1, 0, np.pi, 0.0, np.pi / 2]),
+    ],
+    ids=["degrees", "radians", "metres", "degrees per metre"],
+)
+def test_coupled_limits_follow_the_unit_of_angles(parameters, row):
+    np.testing.assert_allclose(chain(parameters).rows, [row], rtol=1e-15)
+
+
+@pytest.mark.parametrize("name", ["hand", "wrist"])
+def test_coupled_limits_of_no_movable_joint_are_refused(name):
+    with pytest.raises(SpecError, match=rf"arm\.coupled\.0\.joints\.{name}: .*Movable joints: turn, elbow, slide"):
+        chain(coupled([0.0, 1.0], **{name: 1.0}))
+
+
+def study(folder, row):
+    changes = small.NO_SEARCH | {small.DESIGN: "", small.JOINTS: f"{small.JOINTS}coupled = [{row}]\n"}
+    return load(small.write(folder, changes))
+
+
+def test_a_study_couples_limits(tmp_path):
+    """Shoulder and upper arm in [-120, 120] each, and their sum in [-60, 60]: 7/16 of the square."""
+    spec = study(tmp_path, "{ joints = { shoulder = 1, upper = 1 }, limits = [-60, 60] }")
+    numbers = evaluate(spec, {}).scenarios[""]
+    assert numbers["valid_share"] == pytest.approx(7 / 16, abs=2e-3)
+    free = evaluate(spec, {"arm.coupled.0.limits": [-240, 240]}).scenarios[""]
+    assert (free["valid_share"], free["F"] > numbers["F"]) == (1.0, True)
+
+
+def test_a_bound_of_a_row_is_a_path(tmp_path):
+    spec = study(tmp_path, "{ joints = { shoulder = 1, upper = 1 }, limits = [-60, 60] }")
+    arm = spec.design({"arm.coupled.0.limits.1": 30, "arm.coupled.0.joints.upper": 2}).setup(1).arm
+    np.testing.assert_allclose(arm.rows, [[0, 1, 2, 0, 0, 0, -np.pi / 3, np.pi / 6]], rtol=1e-15)
+
+
+def test_a_row_of_falling_limits_is_told_by_path(tmp_path):
+    with pytest.raises(SpecError, match=r"arm\.coupled\.0\.limits = \[60, -60\]: must increase"):
+        study(tmp_path, "{ joints = { shoulder = 1 }, limits = [60, -60] }")

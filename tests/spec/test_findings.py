@@ -43,7 +43,7 @@ CASES = {
     "a number for a list": ({"limits = [-120, 120]": "limits = 120"}, "arm.joints.waist.limits = 120", "list"),
     "a number for a table": ({LAYOUT: "", **top("layout = 3")}, "layout = 3", "write [layout]"),
     "a number for the study": ({STUDY: "study = 3\n"}, "study = 3", "[study]"),
-    "a number for a kind": ({'kind = "dh"': "kind = 3"}, "arm.kind", "Known: dh"),
+    "a number for a kind": ({'kind = "dh"': "kind = 3"}, "arm.kind", "Known: delta, dh"),
     "a fraction for a count": ({"seed = 1": "seed = 1.5"}, "study.seed = 1.5", "must be a valid integer"),
     "too few numbers": ({"0.802, 0.10]": "0.802]"}, "layout.offset = [0.0, 0.802]", "at least 3"),
     "too many numbers": ({"[-120, 120]": "[1, 2, 3]"}, "arm.joints.waist.limits = [1, 2, 3]", "at most 2"),
@@ -109,7 +109,7 @@ CASES = {
         {'convention = "modified"\n': ""}, "arm.convention", "is required. How the rows are read: 'standard' or 'modified'"),
     "unknown convention": ({'"modified"': '"craig"'}, "arm.convention = 'craig'", "must be 'standard' or 'modified'"),
     # names
-    "unknown arm": ({'"dh"': '"dhh"'}, "arm.kind = 'dhh'", "did you mean 'dh'? Known: dh"),
+    "unknown arm": ({'"dh"': '"dhh"'}, "arm.kind = 'dhh'", "did you mean 'dh'? Known: delta, dh"),
     "unknown human": ({'"ehem"': '"eham"'}, "human.kind = 'eham'", "did you mean 'ehem'?"),
     "unknown index": ({'"yoshikawa"': '"yoshikava"'}, "dexterity.kind = 'yoshikava'", "did you mean 'yoshikawa'?"),
     "unknown voxels": ({'"dense"': '"octree"'}, "voxels.kind = 'octree'", "Known: auto, dense, sparse"),

@@ -8,12 +8,12 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from eiwa.core.chain import Joint, SerialChain
+from eiwa.core.chain_parameters import ChainParameters, Range
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.hookspecs import Parameters, Plugin, hookimpl, quantity
-from eiwa.core.transforms import frozen, roll_pitch_yaw, rotation_x, rotation_z, translation
+from eiwa.core.transforms import frozen, rotation_x, rotation_z, translation
 
 Convention = Literal["standard", "modified"]
-Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 
 
 class DhJoint(Parameters):
@@ -25,7 +25,7 @@ class DhJoint(Parameters):
     a: float = quantity(0.0, unit="m", description="Link length (modified: a_{j-1}).")
     d: float = quantity(0.0, unit="m", description="Offset along the joint axis; a prismatic joint adds to it.")
     theta: float = quantity(0.0, unit="angles", description="Offset of the joint angle; a revolute joint adds to it.")
-    limits: Annotated[list[float], Field(min_length=2, max_length=2)] | None = quantity(
+    limits: Range | None = quantity(
         None,
         unit="angles or m",
         description="Range [low, high]; none for a revolute joint that turns freely.",
@@ -47,7 +47,7 @@ class DhJoint(Parameters):
         return self
 
 
-class DhParameters(Parameters):
+class DhParameters(ChainParameters):
     """A serial arm from its Denavit-Hartenberg table.
 
     ``modified`` (Craig): T_{j-1,j} = Rx(alpha_{j-1}) Tx(a_{j-1}) Rz(theta_j) Tz(d_j).
@@ -55,9 +55,6 @@ class DhParameters(Parameters):
     """
 
     convention: Convention = quantity(description="How the rows are read: 'standard' or 'modified' (Craig).")
-    angles: Literal["deg", "rad"] = quantity("deg", description="Unit of alpha, theta and revolute limits.")
-    tool: Vector = quantity([0.0, 0.0, 0.0], unit="m", description="The tip in the last joint's frame.")
-    tool_rpy: Vector = quantity([0.0, 0.0, 0.0], unit="angles", description="Roll, pitch, yaw of the tip.")
     joints: Annotated[list[DhJoint], Field(min_length=1)] = quantity(description="The rows, from the base.")
 
     @model_validator(mode="after")
@@ -71,7 +68,7 @@ class DhParameters(Parameters):
 
 def chain(parameters: DhParameters) -> SerialChain:
     """The serial chain of a table."""
-    unit = np.pi / 180 if parameters.angles == "deg" else 1.0
+    unit = parameters.unit
     joints, T = [], np.eye(4)
     for row in parameters.joints:
         Rz_Tz = rotation_z(row.theta * unit) @ translation(0, 0, row.d)
@@ -81,15 +78,20 @@ def chain(parameters: DhParameters) -> SerialChain:
         limits = None if row.limits is None else (row.limits[0] * scale, row.limits[1] * scale)
         joints.append(Joint(row.name, row.kind, frozen(T @ before), limits))
         T = after
-    T_tool = translation(*parameters.tool) @ roll_pitch_yaw(*(angle * unit for angle in parameters.tool_rpy))
-    return SerialChain(tuple(joints), frozen(T @ T_tool), frozen(np.eye(4)), lambda: _explain_singular(parameters))
+    return SerialChain(
+        tuple(joints),
+        frozen(T @ parameters.T_last_tool),
+        frozen(np.eye(4)),
+        lambda: _explain_singular(parameters),
+        parameters.couplings(joints),
+    )
 
 
 def _explain_singular(parameters: DhParameters) -> str:
     """Why a table is singular everywhere, with the rank of the other reading; nothing when it is not."""
     this = parameters.convention
     other: Convention = "standard" if this == "modified" else "modified"
-    rank, twin_rank = _rank(parameters), _rank(parameters.model_copy(update={"convention": other}))
+    rank, twin_rank = (chain(p).rank for p in (parameters, parameters.model_copy(update={"convention": other})))
     if rank == 6:
         return ""
     reason = f"the Jacobian has rank {rank} at every posture, so the arm is singular everywhere."
@@ -100,12 +102,6 @@ def _explain_singular(parameters: DhParameters) -> str:
     else:
         remedy = f"Read as '{other}' it has rank {twin_rank}: check the table, or choose dexterity.rows that the arm moves in."
     return finding("arm.convention", reason, value=this, remedy=remedy)
-
-
-def _rank(parameters: DhParameters) -> int:
-    arm = chain(parameters)
-    u = np.random.default_rng(0).uniform(size=(64, arm.dof))
-    return int(np.linalg.matrix_rank(arm.postures(u).jacobians, tol=1e-9).max())
 
 
 def _build(parameters: DhParameters) -> SerialChain:

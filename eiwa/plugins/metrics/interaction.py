@@ -117,6 +117,24 @@ class Singletons(Metric):
         return {"singletons": float(np.count_nonzero(hits == 1) / total) if total else 1.0}
 
 
+class ValidShareParameters(Parameters):
+    """Share of joint vectors within the joint limits that are valid.
+
+    The others have no solution, or lie outside coupled limits. They count as samples, and are left out of all else.
+    """
+
+
+@dataclass(frozen=True)
+class ValidShare(Metric):
+    """Of the fixed pilot of 2^14 postures, so free of the study's randomness."""
+
+    parameters: ValidShareParameters
+
+    def __call__(self, measurement: Measurement) -> dict[str, float | None]:
+        """The share."""
+        return {"valid_share": measurement.dexterity.valid_share}
+
+
 @hookimpl
 def eiwa_metrics() -> list[Plugin]:
     """F and its company."""
@@ -150,5 +168,11 @@ def eiwa_metrics() -> list[Plugin]:
             SingletonsParameters,
             Singletons,
             (Number("singletons", "", "f1/N, under-sampling alarm", 0.0, 1.0),),
+        ),
+        Plugin(
+            "valid_share",
+            ValidShareParameters,
+            ValidShare,
+            (Number("valid_share", "", "share of joint vectors that are valid", 0.0, 1.0),),
         ),
     ]
