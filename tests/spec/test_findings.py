@@ -302,7 +302,7 @@ def test_the_memory_is_told_with_a_size_that_fits():
 @pytest.mark.parametrize("metric", ["shared_volume", "dexterous_volume"])
 def test_the_memory_of_a_whole_workspace_is_told_too(metric):
     """A long arm's workspace holds far more cells than the hands' grid."""
-    spec = unsearched({"[layout]": f"[metrics.{metric}]\n[layout]"})
+    spec = unsearched({"[layout]": f'[metrics.{metric}]\ncounting = "cells"\n[layout]'})
     with pytest.raises(SpecError, match=r"voxels\.size"):
         evaluate(spec, {"voxels.size": 2e-3, "arm.joints.upper.a": 30.0})
 
