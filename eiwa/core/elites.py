@@ -31,8 +31,6 @@ from eiwa.core.workspace import Target, packed
 FIRST = 1 << 17
 """Evaluations of the plain first pass."""
 GENERATION = 1 << 13
-COARSEST, SCALES = 4, 8
-"""Mutations have amplitudes 2^-4 ... 2^-11 of a joint's range."""
 GROWTH = 2.0**0.25
 """Checkpoints stand where the evaluations have grown by this factor; four of them make a doubling."""
 CAUTION = 2.0
@@ -206,8 +204,9 @@ def _explorer(
 def propose(w: Any, stride: Any, dof: Any, n: Any, first: Any, key: Any, occupied: Any, parents: Any) -> None:
     """Candidates number ``first`` ... ``first + n - 1`` into the first rows of the scratch ``w``.
 
-    Without elites: plain samples. Else candidate i takes elite i (in turn), and moves a random half of its joints by
-    up to a random power of two of their ranges, reflected at the ends.
+    Without elites: plain samples. Else candidate i takes elite i (in turn), and moves a random half of its joints by up
+    to 2^-4 ... 2^-11 of their ranges, one in 32 by up to the whole range (another branch of the inverse kinematics may be
+    better there), reflected at the ends.
     """
     gamma, words = np.uint64(0x9E3779B97F4A7C15), np.uint64(dof + 1)
     count = occupied.shape[0]
@@ -228,7 +227,9 @@ def propose(w: Any, stride: Any, dof: Any, n: Any, first: Any, key: Any, occupie
                 w[j * stride + i] = unit
             else:
                 word = mixed(start)
-                amplitude = float64_from_bits((np.uint64(1023 - 4) - (word & np.uint64(7))) << np.uint64(52))
+                far = (word >> np.uint64(3)) & np.uint64(31) == np.uint64(0)
+                halvings = select(far, np.uint64(0), np.uint64(4) + (word & np.uint64(7)))
+                amplitude = float64_from_bits((np.uint64(1023) - halvings) << np.uint64(52))
                 moved = (word >> bit) & np.uint64(1) > np.uint64(0)
                 v = abs(w[j * stride + i] + select(moved, amplitude * (2.0 * unit - 1.0), 0.0))
                 w[j * stride + i] = select(v > 1.0, 2.0 - v, v)
