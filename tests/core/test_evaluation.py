@@ -214,4 +214,4 @@ def test_one_arms_workspace_holds_every_sample():
 
 def test_metrics_joins_the_numbers_of_all_metrics():
     numbers = metrics(measured(by_hand(metrics={"F": SUM, "other": lambda measurement: {"x": None}})))
-    assert set(numbers) == {"F", "F_se", "F_drift", "F_remaining", "evaluations", "x"}
+    assert set(numbers) == {"F", "F_se", "F_low", "F_high", "F_drift", "F_remaining", "evaluations", "x"}

@@ -12,7 +12,7 @@ def test_an_interval_without_error_is_the_value_and_what_remains():
 
 
 def test_an_interval_uses_students_t():
-    low, high = interval(0.0, 1.0, None, 4)
+    low, high = interval(0.0, 1.0, 0.0, 4)
     assert (low, high) == (pytest.approx(-stats.t.ppf(0.975, 3)), pytest.approx(stats.t.ppf(0.975, 3)))
 
 

@@ -5,7 +5,10 @@ import pytest
 
 from eiwa.core.evaluation import Layout
 from eiwa.core.filling import Sampling
+from eiwa.core.interval import interval
 from eiwa.plugins.metrics.interaction import (
+    F,
+    FParameters,
     FVolume,
     FVolumeParameters,
     MeanDexterity,
@@ -53,6 +56,21 @@ def test_F_volume_counts_cells_at_or_above_the_isovalue(measurement, isovalue, s
 def test_mean_dexterity_weighs_every_ergonomic_cell_alike(measurement):
     mean = MeanDexterity(MeanDexterityParameters())(measurement)["mean_dexterity"]
     assert mean == pytest.approx((8 * 0.5 + 2 * 1.0) / 12, abs=1e-15)
+
+
+@pytest.fixture(scope="module")
+def refined():
+    amount = Sampling(1 << 18, tolerance=0.05)
+    return F(FParameters())(measured(setup(sampling=amount, estimator="elites", threshold=0.3), replicates=3))
+
+
+def test_the_interval_of_elites_is_F_less_its_error_to_F_and_what_remains(refined):
+    assert (refined["F_low"], refined["F_high"]) == interval(refined["F"], refined["F_se"], refined["F_remaining"], 3)
+
+
+def test_plain_samples_have_no_interval():
+    plain = F(FParameters())(measured(setup(sampling=Sampling(256)), replicates=2))
+    assert (plain["F_low"], plain["F_high"]) == (None, None)
 
 
 def test_no_sample_is_alone_where_many_fall(measurement):

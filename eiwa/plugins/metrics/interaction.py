@@ -10,6 +10,7 @@ import numpy as np
 from eiwa.core.evaluation import Measurement, Replicate
 from eiwa.core.hookspecs import Number, Parameters, Plugin, hookimpl, quantity
 from eiwa.core.interfaces import Array, Metric
+from eiwa.core.interval import interval
 
 Volume = Literal["sum", "union"]
 
@@ -32,12 +33,18 @@ class F(Metric):
     parameters: FParameters
 
     def __call__(self, measurement: Measurement) -> dict[str, float | None]:
-        """F of replicate 0, the standard deviation over full-size replicates, F(N) - F(N/2)."""
+        """F of replicate 0, the standard deviation over full-size replicates, its interval, F(N) - F(N/2)."""
         values = [self.ratio(r.E_sum, r.V_dual) for r in measurement.replicates]
         drift, remaining, evaluations = self._convergence(measurement.first, values[0])
+        se = float(np.std(values, ddof=1)) if len(values) > 1 else None
+        low, high = None, None
+        if se is not None and remaining is not None:
+            low, high = interval(values[0], se, remaining, len(values))
         return {
             "F": values[0],
-            "F_se": float(np.std(values, ddof=1)) if len(values) > 1 else None,
+            "F_se": se,
+            "F_low": low,
+            "F_high": high,
             "F_drift": drift,
             "F_remaining": remaining,
             "evaluations": evaluations,
@@ -146,6 +153,8 @@ def eiwa_metrics() -> list[Plugin]:
             (
                 Number("F", "", "share of the ergonomic workspace that is dexterous", 0.0, 2.0),
                 Number("F_se", "", "standard deviation of F over full-size replicates", 0.0),
+                Number("F_low", "", "elites: lower end of the 95 % interval of the true F on the grid", -1.0, 2.0),
+                Number("F_high", "", "elites: its upper end", 0.0, 4.0),
                 Number("F_drift", "", "F at N samples less F at N/2", -2.0, 2.0),
                 Number("F_remaining", "", "elites: how far F may still rise", 0.0),
                 Number("evaluations", "", "elites: samples spent before the tolerance was met", 0.0),
