@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from eiwa.study.rows import Row
     from eiwa.study.store import Store
 
+FAR = 0.2
+"""``run`` speaks of too few samples only where the last doubling still moved F by more than this share."""
 app = typer.Typer(help="Run, check and look at studies.", no_args_is_help=True)
 
 
@@ -29,8 +31,10 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Evaluate the named designs, search, and show the best; an interrupted study is continued."""
+    from eiwa.cli import tables
     from eiwa.cli.progress import StudyProgress
     from eiwa.core.spec import load
+    from eiwa.study.estimate import shortfall
     from eiwa.study.run import Run
     from eiwa.study.store import Store
 
@@ -40,6 +44,8 @@ def run(
     console = err()
     if fresh and (aside := store.set_aside()):
         console.print(f"Old results are kept in {aside}.", markup=False)
+    if not store.exists() and (short := shortfall(spec, coarse=FAR)):
+        console.print(tables.shortfall(short, spec), style="yellow", markup=False)
     with resumable(), StudyProgress(spec, console) as progress:
         finished = Run(spec, store, progress).execute()
     if not finished:
@@ -108,17 +114,20 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
     """Validate a study file; tell cells, memory and seconds per trial."""
     from eiwa.cli import tables
     from eiwa.core.spec import load
-    from eiwa.study.estimate import estimate
+    from eiwa.study.estimate import estimate, shortfall
 
     listen_to_log()
     spec = load(Path(study), settings(set_))
-    cost = estimate(spec)
+    cost, short = estimate(spec), shortfall(spec)
     if as_json:
-        print_json({"study": spec.study.name, "hash": spec.hash, **cost.as_dict()})
+        short_of = asdict(short) if short else None
+        print_json({"study": spec.study.name, "hash": spec.hash, **cost.as_dict(), "shortfall": short_of})
         return
     console = out()
     console.print(f"{study} is valid.", markup=False)
     console.print(tables.cost(spec, cost))
+    if short:
+        console.print(tables.shortfall(short, spec), markup=False)
 
 
 def _report(spec: StudySpec, store: Store, study: str, as_json: bool) -> None:

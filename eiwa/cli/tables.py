@@ -15,7 +15,7 @@ from eiwa.core.tree import exists, lookup
 
 if TYPE_CHECKING:
     from eiwa.study.converge import Point
-    from eiwa.study.estimate import Cost
+    from eiwa.study.estimate import Cost, Shortfall
     from eiwa.study.rows import Row
     from eiwa.study.verify import Check
 
@@ -242,6 +242,16 @@ def cost(spec: StudySpec, cost: Cost) -> Table:
     for what, much in rows:
         table.add_row(what, much)
     return table
+
+
+def shortfall(found: Shortfall, spec: StudySpec) -> str:
+    """One sentence about voxels that are too fine for their samples."""
+    size, samples = lookup(spec.resolved, "voxels.size"), lookup(spec.resolved, "sampling.samples")
+    return (
+        f"{samples:,} samples are few for voxels of {1e3 * size:g} mm: F = {found.F:.4f} lies about {found.error:.0%} below "
+        f'the true F on this grid. estimator = "elites" comes within {found.tolerance:.0%} with about '
+        f"{found.evaluations:,} evaluations."
+    )
 
 
 def convergence(points: Sequence[Point], title: str) -> Table:

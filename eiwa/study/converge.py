@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from eiwa.core.design import SECTIONS
 from eiwa.core.outcome import evaluate
 from eiwa.core.spec import StudySpec, check
 from eiwa.core.tree import replaced
@@ -54,20 +55,31 @@ def _point(
     tolerance: float,
     replicates: int,
 ) -> Point:
-    settings = {"sampling.estimator": estimator, "sampling.samples": samples, "voxels.size": size}
-    counting = "corrected" if estimator == "elites" else "cells"
-    kept = {"F": spec.tree.get("metrics", {}).get("F", {}), "dexterous_volume": {"counting": counting}}
-    tree = replaced(spec.replaced(overrides), {**settings, "sampling.tolerance": tolerance, "metrics": kept})
-    bare = {
-        k: v for k, v in tree.items() if k not in ("scenarios", "objectives", "constraints", "designs", "assumptions")
+    settings = {
+        "sampling.estimator": estimator,
+        "sampling.samples": samples,
+        "sampling.tolerance": tolerance,
+        "voxels.size": size,
     }
-    bare["study"] = {**bare["study"], "trials": 0}
-    numbers = evaluate(check(bare, spec.path), {}, replicates).scenarios[""]
+    counting = "corrected" if estimator == "elites" else "cells"
+    alone = bare(spec, overrides, settings, {"dexterous_volume": {"counting": counting}})
+    numbers = evaluate(alone, {}, replicates).scenarios[""]
     spent = numbers.get("evaluations")
     return Point(
         estimator, int(spent or samples), size, numbers["F"] or 0.0, numbers["F_se"],
         numbers.get("dexterous_volume"), numbers["F_remaining"],
     )  # fmt: skip
+
+
+def bare(
+    spec: StudySpec, overrides: Mapping[str, Any], settings: Mapping[str, Any], metrics: Mapping[str, Any]
+) -> StudySpec:
+    """One design under the reference scenario, F and the given metrics alone, with other settings."""
+    kept = {"F": spec.tree.get("metrics", {}).get("F", {}), **metrics}
+    tree = replaced(spec.replaced(overrides), {**settings, "metrics": kept})
+    design = {k: v for k, v in tree.items() if k in (*SECTIONS, "study", "plugins")}
+    design["study"] = {**design["study"], "trials": 0}
+    return check(design, spec.path)
 
 
 def recommendation(found: Sequence[Point], wanted: float) -> str:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from eiwa.core.elites import LEAST
 from eiwa.core.evaluation import Setup, ergonomic_grid
 from eiwa.core.memory import memory, require_memory
 from eiwa.core.outcome import bounds, evaluate
 from eiwa.core.spec import StudySpec, check
 from eiwa.core.tree import replaced
+from eiwa.study.converge import bare
 from eiwa.study.sampler import search_size
 
 SMALL, LARGE = 1 << 16, 1 << 18
@@ -47,6 +50,49 @@ def estimate(spec: StudySpec) -> Cost:
         require_memory(grid.cells, setup.backend, setup.r)
     needed = max(memory(g.cells, s.backend) for g, s in zip(grids, setups, strict=True))
     return Cost(max(grid.cells for grid in grids), needed, _per_trial(spec, setups[0]), search_size(spec))
+
+
+COARSE, SEARCHED, SPENT = 0.02, 0.05, 1 << 24
+"""A last doubling that still moves F by more than this; then elites are asked, to this tolerance, with so many at most."""
+
+
+@dataclass(frozen=True)
+class Shortfall:
+    """How far F of the study's own design lies below the true F on its grid, and what it takes to come near.
+
+    ``F`` with the study's samples; ``error`` relative to the true F; ``evaluations`` of elites that reach ``tolerance``.
+    """
+
+    F: float
+    error: float
+    evaluations: int
+    tolerance: float
+
+
+def shortfall(spec: StudySpec, coarse: float = COARSE) -> Shortfall | None:
+    """What the voxels ask of the samples; None where the last doubling moved F by at most ``coarse`` of it.
+
+    Only maxima are judged: a mean per voxel has no such limit.
+    """
+    found = _numbers(spec, {})
+    sampling, F = spec.resolved["sampling"], found["F"] or 0.0
+    if spec.resolved["voxels"].get("aggregate") != "max":
+        return None
+    if sampling["estimator"] == "elites":
+        error, tolerance = (found["F_remaining"] or 0.0) / max(F, LEAST), sampling["tolerance"]
+        spent = int(found["evaluations"] or 0)
+        # What remains has fallen as the power -0.8 of the evaluations (docs/explanation/engine.md).
+        return Shortfall(F, error, int(spent * (error / tolerance) ** 1.25), tolerance) if error > tolerance else None
+    if abs(found["F_drift"] or 0.0) <= coarse * max(F, LEAST):
+        return None
+    elites = {"sampling.estimator": "elites", "sampling.samples": SPENT, "sampling.tolerance": SEARCHED}
+    refined = _numbers(spec, elites)
+    true_F = max((refined["F"] or 0.0) + (refined["F_remaining"] or 0.0) / 2, LEAST)
+    return Shortfall(F, 1 - F / true_F, int(refined["evaluations"] or 0), SEARCHED)
+
+
+def _numbers(spec: StudySpec, settings: Mapping[str, Any]) -> Mapping[str, float | None]:
+    return evaluate(bare(spec, {}, settings, {}), {}).scenarios[""]
 
 
 def _per_trial(spec: StudySpec, setup: Setup) -> float:

@@ -297,6 +297,17 @@ def test_check(cli, path, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["small.toml"]
 
 
+def test_check_says_when_the_samples_are_few(cli, path):
+    said = cli("study", "check", path, "--set", "voxels.size=0.02")
+    assert "4,096 samples are few for voxels of 20 mm" in said.out
+    assert 'estimator = "elites" comes within 5%' in " ".join(said.out.split())
+
+
+def test_run_says_so_before_it_starts(cli, path):
+    said = cli("study", "run", path, "--set", "voxels.size=0.02", "--set", "study.trials=0")
+    assert "samples are few" in said.err.split("designs")[0]
+
+
 def test_check_as_json(cli, path):
     found = answer(cli("study", "check", path, "--json"))
     assert found["study"] == "small"
