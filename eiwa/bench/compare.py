@@ -185,5 +185,6 @@ def _array_forms(family: Family, case: Case, record: Record, bases: dict[int, Co
             on_all_threads(alone, range(max(1, n // ARRAY_BLOCK)))
 
         for t, base in bases.items():
-            yield Contender(replace(known, threads=t), visit(_flow(other, case, record.precision), samples), base)
-            yield Contender(replace(known, part="plugin", threads=t), visit(own, samples), base)
+            flow = Contender(replace(known, threads=t), visit(_flow(other, case, record.precision), samples), base)
+            yield flow
+            yield Contender(replace(known, part="plugin", threads=t), visit(own, samples), flow)

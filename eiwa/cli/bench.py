@@ -134,66 +134,66 @@ def _timed(record: Record | None) -> list[str]:
 
 def _roofs(records: Sequence[Record]) -> list[View]:
     rows = []
-    for product in (r for r in records if r.part == "product"):
-        setting = {"joints": product.joints, "precision": product.precision, "threads": product.threads, "part": "flow"}
-        roof, eiwa = _one(records, who="roof", **setting), _one(records, who="eiwa", **setting)
-        assert product.seconds and product.flops and eiwa and eiwa.seconds
-        words = [str(product.joints), product.precision, str(product.threads), str(product.flops)]
-        words.append(f"{1e-9 * product.flops / product.seconds:.0f}")
-        if roof and roof.seconds and roof.ratio:
-            words += [f"{product.seconds / roof.seconds:.0%}", _number(1 / roof.ratio)]
-        rows.append([*words, *[""] * (7 - len(words))])
+    for product in (r for r in records if r.part == "product" and r.seconds):
+        roof = _one(records, who="roof", **_setting(product))
+        assert product.seconds and product.flops and product.ratio
+        row = [*map(str, _setting(product).values()), str(product.flops)]
+        row.append(f"{1e-9 * product.flops / product.seconds:.0f}")
+        if roof and roof.ratio:
+            row += [f"{product.ratio / roof.ratio:.0%}", _number(1 / roof.ratio)]
+        rows.append([*row, *[""] * (7 - len(row))])
     columns = ["joints", "precision", "threads", "flop/sample", "GFLOP/s", "roof reaches", "eiwa / roof"]
     return [View("NumPy's matrix product, the roof, and eiwa", columns, rows)] if rows else []
 
 
 def _array_forms(records: Sequence[Record]) -> list[View]:
     rows = []
-    for own in (r for r in records if r.part == "plugin"):
-        setting: dict[str, Any] = {"joints": own.joints, "precision": own.precision, "threads": own.threads}
-        flow, roof = _one(records, who=own.who, part="flow", **setting), _one(records, who="roof", **setting)
-        if own.seconds and flow and flow.seconds:
-            rest = flow.seconds - own.seconds
-            over = _number(rest / roof.seconds) if roof and roof.seconds else ""
-            times = (_number(1e9 * value) for value in (flow.seconds, own.seconds, rest))
-            rows.append([own.who, str(own.joints), str(own.threads), *times, over])
-    columns = ["part in NumPy", "joints", "threads", "flow ns", "its own ns", "rest ns", "rest / roof"]
+    for own in (r for r in records if r.part == "plugin" and r.seconds):
+        flow, roof = (
+            _one(records, who=own.who, part="flow", **_setting(own)),
+            _one(records, who="roof", **_setting(own)),
+        )
+        assert own.seconds and flow and flow.seconds
+        rest = _rest(own, flow)
+        times = [_number(1e9 * value) for value in (flow.seconds, own.seconds, rest)]
+        over = _number(rest / roof.seconds) if roof and roof.seconds else ""
+        rows.append([own.who, str(own.joints), str(own.threads), *times, over])
+    columns = ["with", "joints", "threads", "flow ns", "its own ns", "rest ns", "rest / roof"]
     return [View("An arm or an index in plain NumPy within eiwa's flow", columns, rows)] if rows else []
+
+
+def _rest(own: Record, flow: Record) -> float:
+    """Seconds of a flow beside a plugin's own."""
+    return (flow.seconds or 0.0) * (1 - (own.ratio or 0.0))
 
 
 def _goals(records: Sequence[Record]) -> list[View]:
     """What eiwa aims at where there is AVX-512 (half of the first three on AVX2), and the range found."""
-    eiwa = {_setting(r): r.seconds for r in records if (r.who, r.part) == ("eiwa", "flow")}
-    roof = {_setting(r): r.seconds for r in records if r.who == "roof" and r.seconds}
-    own = {(r.who, _setting(r)): r.seconds or 0.0 for r in records if r.part == "plugin"}
-    found: dict[str, list[float]] = {}
-    for r in records:
-        at = _setting(r)
-        if r.seconds is None or r.ratio is None:
-            continue
-        if r.who in ("Pinocchio, C++", "NumPy, linalg.det", "robotics-toolbox"):
-            found.setdefault(f"{r.who} / eiwa", []).append(r.ratio)
-        elif at in roof:
-            hand = roof[at] or 1.0
-            if r.who == "eiwa":
-                found.setdefault("eiwa / roof", []).append((eiwa[at] or 0.0) / hand)
-            elif r.part == "product":
-                found.setdefault("matrix product / roof", []).append(r.seconds / hand)
-            elif (r.who, at) in own and r.part == "flow":
-                found.setdefault("rest of the array form / roof", []).append((r.seconds - own[r.who, at]) / hand)
     aims = {
         "Pinocchio, C++ / eiwa": "at least 20", "NumPy, linalg.det / eiwa": "at least 40",
         "robotics-toolbox / eiwa": "at least 1000", "eiwa / roof": "at most 1.5",
         "rest of the array form / roof": "at most 4", "matrix product / roof": "at least 0.45",
     }  # fmt: skip
-    rows = [
-        [name, aim, _number(min(found[name])), _number(max(found[name]))] for name, aim in aims.items() if name in found
-    ]
+    found: dict[str, list[float]] = {name: [] for name in aims}
+    for r in (r for r in records if r.seconds and r.ratio):
+        roof = _one(records, who="roof", **_setting(r))
+        assert r.seconds and r.ratio
+        if f"{r.who} / eiwa" in found:
+            found[f"{r.who} / eiwa"].append(r.ratio)
+        elif r.who == "roof":
+            found["eiwa / roof"].append(1 / r.ratio)
+        elif r.part == "product" and roof and roof.ratio:
+            found["matrix product / roof"].append(r.ratio / roof.ratio)
+        elif r.part == "plugin" and roof and roof.seconds:
+            flow = _one(records, who=r.who, part="flow", **_setting(r))
+            assert flow
+            found["rest of the array form / roof"].append(_rest(r, flow) / roof.seconds)
+    rows = [[name, aims[name], _number(min(seen)), _number(max(seen))] for name, seen in found.items() if seen]
     return [View("What eiwa aims at", ["ratio of times", "aim", "least", "most"], rows)] if rows else []
 
 
-def _setting(record: Record) -> tuple[int, str, int]:
-    return record.joints, record.precision, record.threads
+def _setting(record: Record) -> dict[str, Any]:
+    return {"joints": record.joints, "precision": record.precision, "threads": record.threads}
 
 
 def _shared(records: Sequence[Record]) -> list[View]:
@@ -224,7 +224,7 @@ def _scaled(records: Sequence[Record]) -> list[View]:
             rows.append([f"{1e3 * value:g}" if axis == "voxel" else f"{value:,}", *cells])
         heads = [head for t in columns for head in (f"{_on(t) if t else ''}ns", "ratio")]
         if rows:
-            found.append(View(f"How time per sample scales with {axis}", [axis + unit, *heads], rows))
+            found.append(View(f"Scaling with {axis}", [axis + unit, *heads], rows))
     return found
 
 
@@ -249,16 +249,14 @@ def _number(value: float) -> str:
 def _show(records: Sequence[Record], left_out: Sequence[str], wrong: Sequence[Record]) -> None:
     from eiwa.cli.tables import plain
 
-    console = out()
+    console, messages = out(), err()
     for view in views(records):
         console.print(plain(view.title, view.columns, view.rows))
-    for r in dict.fromkeys((r.who, r.joints, r.precision, r.tip_error, r.dexterity_error) for r in wrong):
-        console.print(
-            "{}, {} joints, {}: wrong by {} m and {} of Dex, so not timed".format(*r), style="red", markup=False
-        )
+    for who, joints, precision in dict.fromkeys((r.who, r.joints, r.precision) for r in wrong):
+        messages.print(f"{who}, {joints} joints, {precision}: differs from eiwa, so it is not timed.", style="red")
     for reason in left_out:
-        console.print(f"left out: {reason}", style="dim", markup=False, soft_wrap=True)
+        messages.print(f"left out: {reason}", style="dim", markup=False, soft_wrap=True)
     busy = [r.others for r in records if r.others is not None]
     if busy and max(busy) > 0.1:
         warning = f"Other processes kept {max(busy):.1f} cores busy: distrust the times, on several threads above all."
-        console.print(warning, style="yellow", soft_wrap=True)
+        messages.print(warning, style="yellow", soft_wrap=True)
