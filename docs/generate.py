@@ -60,7 +60,9 @@ def measured():
         tables = [f"**{view.title}**\n\n{texts(view.columns, view.rows)}" for view in shown]
         picture = f"```{{image}} _generated/{what}.png\n:alt: The times of the tables, drawn.\n```"
         pages[what] = "\n".join([*tables, picture, ""])
-    vectors = next((name for name in ("avx512f", "avx2", "neon") if name in where["features"].split()), "no known vectors")
+    vectors = next(
+        (name for name in ("avx512f", "avx2", "neon") if name in where["features"].split()), "no known vectors"
+    )
     visits = [r.visits for r in records if r.what == "compare" and r.visits]
     busy = max((r.others for r in records if r.others is not None), default=0.0)
     versions = ", ".join(f"{name} {version}" for name, version in json.loads(where["versions"]).items())

@@ -95,7 +95,7 @@ class Case:
             "layout": {"spacing": 0.2, "offset": [0.0, 0.802, 0.1], "orientation": [0.0, 0.0, -90.0]},
             "human": {"kind": "ehem"},
             "dexterity": {"kind": "yoshikawa", "K_scaled": K_SCALED, "threshold": THRESHOLD},
-            "voxels": {"kind": "dense", "size": VOXEL},
+            "voxels": {"kind": "auto", "size": VOXEL},
         }
         return design(tree, registry.load()).setup(0)
 

@@ -13,7 +13,6 @@ from eiwa.core.dexterity import Dexterity, Family
 from eiwa.core.filling import Sampling, fill
 from eiwa.core.interfaces import NOTHING, ArmColumns, TracedIndex
 from eiwa.core.linear import volume
-from eiwa.core.memory import memory
 from eiwa.core.sampling import Stream
 from eiwa.core.symbols import Column
 
@@ -21,8 +20,6 @@ SAMPLES = 1 << 20
 COUNTS = tuple(1 << k for k in (14, 16, 18, 20, 22))
 SIZES = (0.04, 0.02, 0.01, 0.005, 0.0025)
 JOINTS = tuple(range(1, 13))
-MEMORY = 1 << 30
-"""Grids that would take more bytes are left out."""
 
 
 class Manipulability(TracedIndex):
@@ -49,8 +46,7 @@ def contenders(threads: Sequence[int], tell: Tell, quick: bool = False) -> list[
     for samples in COUNTS[1:4:2] if quick else COUNTS:
         add(paper, PAPER, "samples", samples=samples)
     for r in SIZES[1:3] if quick else SIZES:
-        if memory(PAPER.targets(r)[0].grid.cells, PAPER.setup.backend) <= MEMORY:
-            add(paper, PAPER, "voxel", voxel=r)
+        add(paper, PAPER, "voxel", voxel=r)
     for joints in JOINTS[5:6] if quick else JOINTS:
         tell(f"preparing {joints} joints")
         case = chain(joints)

@@ -56,7 +56,7 @@ def test_a_wrong_one_is_found_out(wrong, errors, family):
     assert found.agrees is False
     name, value = errors
     if value is not None:
-        assert getattr(found, name) == pytest.approx(value, rel=0.1)
+        assert getattr(found, name) == pytest.approx(value, rel=0.3)
 
 
 def test_a_comparator_inside_the_flow_leaves_the_same_maxima(family):
