@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from eiwa.bench import native
 from eiwa.bench.cases import CASES, PRECISIONS, VOXEL, Case, Missing
-from eiwa.bench.comparators import COMPARATORS, Comparator, Foreign, kinematics, penalty, stacked
+from eiwa.bench.comparators import COMPARATORS, Foreign, kinematics, penalty, stacked
 from eiwa.bench.measure import Contender, Record, Tell, keys, visit
 from eiwa.core.dexterity import Family
 from eiwa.core.filling import ARRAY_BLOCK, CHUNK, Filled, Sampling, fill
-from eiwa.core.interfaces import Arm, DexterityIndex, Postures
-from eiwa.core.kernel import on_all_threads
+from eiwa.core.interfaces import NOTHING, Arm, DexterityIndex, Postures
+from eiwa.core.kernel import on_all_threads, thread_count
 from eiwa.core.sampling import Stream
 
 SAMPLES = 1 << 20
@@ -113,32 +113,24 @@ def _at_one_setting(
         if precision in comparator.precisions:
             try:
                 foreign = Foreign(family.members, comparator.evaluate(case, dtype))
+                known = checked(replace(record, who=comparator.who), difference(family, foreign))
             except Missing as error:
                 left_out[comparator.who] = str(error)
                 continue
-            yield from _compared(comparator, foreign, family, case, record, bases)
+            # Another version of a library may fail anywhere; that must not end the measurement.
+            except Exception as error:
+                left_out[comparator.who] = f"{type(error).__name__}: {error}"
+                continue
+            for t in threads if comparator.parallel else threads[:1]:
+                samples = comparator.samples if t == 1 else max(comparator.samples, 2 * t * CHUNK)
+                call = visit(_flow(foreign, case, precision), samples)
+                yield Contender(replace(known, threads=t, samples=samples), call, bases[t])
     if precision == "f64":  # the array form computes in double precision
         yield from _array_forms(family, case, record, bases)
 
 
 def _flow(family: Family, case: Case, precision: str) -> Any:
     return lambda n: filled(family, case, precision, n, next(keys))
-
-
-def _compared(
-    comparator: Comparator,
-    foreign: Foreign,
-    family: Family,
-    case: Case,
-    record: Record,
-    bases: dict[int, Contender],
-) -> Iterator[Contender]:
-    known = checked(replace(record, who=comparator.who), difference(family, foreign))
-    for t, base in bases.items():
-        if t == 1 or comparator.parallel:
-            samples = comparator.samples if t == 1 else max(comparator.samples, 2 * t * CHUNK)
-            call = visit(_flow(foreign, case, record.precision), samples)
-            yield Contender(replace(known, threads=t, samples=samples), call, base)
 
 
 def _roof(
@@ -174,15 +166,16 @@ def _array_forms(family: Family, case: Case, record: Record, bases: dict[int, Co
     u = Stream("plain", 1).points(0, ARRAY_BLOCK, case.joints)
     postures = case.setup.arm.postures(u)
     forms = {
-        "eiwa, NumPy arm": (case.family(arm=arm), lambda _: arm.postures(u)),
-        "eiwa, NumPy index": (case.family(index=index), lambda _: index.values(postures, np.zeros(0))),
+        "eiwa, NumPy arm": (case.family(arm=arm), lambda: arm.postures(u)),
+        "eiwa, NumPy index": (case.family(index=index), lambda: index.values(postures, NOTHING)),
     }
     samples = 1 << 18
     for who, (other, alone) in forms.items():
         known = checked(replace(record, who=who, samples=samples), difference(family, other))
 
-        def own(n: int, alone: Any = alone) -> None:
-            on_all_threads(alone, range(max(1, n // ARRAY_BLOCK)))
+        def own(n: int, alone: Callable[[], Any] = alone) -> None:
+            blocks = range(max(1, n // ARRAY_BLOCK // thread_count()))
+            on_all_threads(lambda _: [alone() for _ in blocks], range(thread_count()))
 
         for t, base in bases.items():
             flow = Contender(replace(known, threads=t), visit(_flow(other, case, record.precision), samples), base)

@@ -49,31 +49,40 @@ def built(source: str, flags: Sequence[str]) -> Path:
     Raises
     ------
     Missing
-        There is no compiler, no source, or the compiler refuses it.
+        There is no compiler or no source, the compiler refuses it, or the cache folder cannot be written.
     """
     compiler = shutil.which(os.environ.get("CXX", "g++"))
     if compiler is None:
         raise Missing("no C++ compiler; install g++ or set CXX")
     path = shipped(source)
-    version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout
-    content = "\0".join([path.read_text(), version, *flags, *cpu()])
+    content = "\0".join([path.read_text(), _run([compiler, "--version"]), *flags, *cpu()])
     program = cache_folder() / "native" / f"{path.stem}_{hashlib.sha256(content.encode()).hexdigest()[:24]}"
     if not program.exists():
         log.warning("compiling %s (once; up to a minute)", source)
-        program.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=program.parent) as folder:
-            out = Path(folder) / program.name
-            done = subprocess.run([compiler, *flags, str(path), "-o", str(out)], capture_output=True, text=True)
-            if done.returncode:
-                raise Missing(f"{source} does not compile: {done.stderr.strip().splitlines()[0]}")
-            out.replace(program)
+        try:
+            program.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=program.parent) as folder:
+                out = Path(folder) / program.name
+                _run([compiler, *flags, str(path), "-o", str(out)])
+                out.replace(program)
+        except OSError as error:
+            raise Missing(f"{program.parent}: cannot be written: {error.strerror}; set EIWA_CACHE") from None
     return program
+
+
+def _run(words: Sequence[str]) -> str:
+    """What a program prints."""
+    done = subprocess.run(words, capture_output=True, text=True)
+    if done.returncode:
+        reason = next(iter(done.stderr.strip().splitlines()), f"exit code {done.returncode}")
+        raise Missing(f"{Path(words[0]).name} fails: {reason}")
+    return done.stdout
 
 
 def roof(samples: int, threads: int, joints: int, precision: str, key: int = 1) -> dict[str, Any]:
     """One run of the hand-written flow; roof.cpp tells what it prints."""
-    words = [str(built("roof.cpp", (*COMMON, *ROOF))), *map(str, (samples, threads, joints, precision, key))]
-    result: dict[str, Any] = json.loads(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
+    program = built("roof.cpp", (*COMMON, *ROOF))
+    result: dict[str, Any] = json.loads(_run([str(program), *map(str, (samples, threads, joints, precision, key))]))
     return result
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from optuna.storages.journal import JournalFileBackend
 
 from eiwa.bench.cases import shipped
-from eiwa.bench.measure import Contender, Record, Tell, cores, interleaved, keys, visit
+from eiwa.bench.measure import Contender, Record, Tell, cores, interleaved, keys, others, visit
 from eiwa.core import evaluation, outcome
 from eiwa.core.dexterity import Dexterity, Family
 from eiwa.core.evaluation import Measurement, field_stream
@@ -143,10 +143,12 @@ def records(threads: Sequence[int], seconds: float, tell: Tell, quick: bool = Fa
     E = (time.perf_counter() - start) / trials
     found: list[Record] = []
     for t in threads:
-        record = Record("share", "eiwa", "", "trial", setup.arm.dof, "f64", t, setup.sampling.samples, setup.r)
-        tell(f"running the paper's study, {t} threads")
-        with cores(t):
+        load: list[float] = []
+        tell(f"running the paper's study on {t} threads")
+        with others(load), cores(t):
             runs = _searches(spec, seconds / len(threads) / 2)
+        record = Record("share", "eiwa", "", "trial", setup.arm.dof, "f64", t, setup.sampling.samples, setup.r)
+        record = replace(record, others=None if load[0] < 0 else load[0])
         times = {stage: [run.get(stage, 0.0) for run in runs] for stage in ("rest", *STAGES)}
         times["E"] = [E] * len(runs)
         parts = _parts(measured, t, seconds / len(threads) / 2, tell)

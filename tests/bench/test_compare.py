@@ -73,13 +73,20 @@ def test_parts_in_plain_numpy_agree(parts, family):
     assert compare.checked(RECORD, error).agrees
 
 
-def test_what_is_not_installed_is_left_out(monkeypatch):
+def test_who_cannot_be_had_is_left_out(monkeypatch):
+    def fail(case, dtype):
+        raise AttributeError("renamed since")
+
     missing = Comparator("nobody", lambda case, dtype: right, module="no_such_module")
-    monkeypatch.setattr(compare, "COMPARATORS", (missing,))
+    monkeypatch.setattr(compare, "COMPARATORS", (missing, Comparator("newer", fail)))
     monkeypatch.setattr(native, "built", lambda source, flags: shipped("no_such_source.cpp"))
     contenders, left_out = compare.contenders((1,), lambda text: None, (6,), ("f64",))
     assert {c.record.who for c in contenders} == {"eiwa", "eiwa, NumPy arm", "eiwa, NumPy index"}
-    assert left_out == ["roof: no_such_source.cpp did not come with eiwa", "nobody: no_such_module is not installed"]
+    assert left_out == [
+        "roof: no_such_source.cpp did not come with eiwa",
+        "nobody: no_such_module is not installed",
+        "newer: AttributeError: renamed since",
+    ]
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
@@ -99,5 +106,5 @@ def test_a_compiler_that_refuses(tmp_path, monkeypatch):
     monkeypatch.setattr(native, "shipped", lambda name: tmp_path / name)
     if shutil.which("g++") is None:
         monkeypatch.setenv("CXX", "no-such-compiler")
-    with pytest.raises(Missing, match=r"no C\+\+ compiler|wrong.cpp does not compile"):
+    with pytest.raises(Missing, match=r"no C\+\+ compiler|fails: .*wrong.cpp"):
         native.built("wrong.cpp", ())
