@@ -14,7 +14,7 @@ import time
 import tomllib
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import wraps
 from pathlib import Path
@@ -47,6 +47,7 @@ STAGES: dict[str, list[tuple[Any, str]]] = {
     "design": [(StudySpec, "design")],
     "prepare": [(evaluation, "prepare")],
     FILL: [(evaluation, "fill")],
+    "elites": [(evaluation, "refine")],
     "E": [(outcome, "ergonomic_field")],
     "metrics": [(outcome, "metrics")],
     "Optuna": [(Run, "_trial"), (Run, "_tell")],
@@ -54,7 +55,12 @@ STAGES: dict[str, list[tuple[Any, str]]] = {
 }
 """Doors of the stages: where a function is looked up when it is called."""
 PARTS = ("sampling", "kinematics", "index", "voxels")
-QUICK, TRIALS = 8, 40
+FEWEST, MOST = 4, 40
+"""Trials of a search; in between, as many as the time allows."""
+
+
+class SearchOver(Exception):
+    """The leaders' turn has come: the rest of the run is of no interest."""
 
 
 @dataclass
@@ -67,9 +73,17 @@ class Clock:
     _since: float = 0.0
 
     def begin(self, stage: str, total: int, done: int) -> None:
-        """The search starts, or it is over."""
+        """The search starts, or it is over.
+
+        Raises
+        ------
+        SearchOver
+            The leaders are next.
+        """
         self._lap()
         self._running = stage == "search"
+        if stage == "leaders":
+            raise SearchOver
 
     def __call__(self, stage: str, row: Row) -> None:
         """An evaluation is done."""
@@ -132,21 +146,20 @@ class Sum(TracedIndex):
 def records(threads: Sequence[int], seconds: float, tell: Tell, quick: bool = False) -> list[Record]:
     """Seconds and share of every stage of a trial, on each number of threads."""
     tree = tomllib.loads(shipped("paper.toml").read_text())
-    trials = tree["study"]["trials"]
     kept = {k: v for k, v in tree.items() if k not in ("designs", "assumptions")}
-    spec = check({**kept, "study": {**tree["study"], "trials": QUICK if quick else TRIALS}}, Path("paper.toml"))
+    spec = check(kept, Path("paper.toml"))
     tell("preparing the paper's study")
     measured = [m for _, m in measurements(spec, {}, spec.scenarios)]
     setup, grid = measured[0].setup, measured[0].first.V.grid
     start = time.perf_counter()
     setup.human.field(grid, setup.operator, field_stream(setup.seed, 0))
-    E = (time.perf_counter() - start) / trials
+    E = (time.perf_counter() - start) / spec.study.trials
     found: list[Record] = []
     for t in threads:
         load: list[float] = []
         tell(f"running the paper's study on {t} threads")
         with others(load), cores(t):
-            runs = _searches(spec, seconds / len(threads) / 2)
+            runs = _searches(spec, seconds / len(threads) / 2, quick)
         record = Record("share", "eiwa", "", "trial", setup.arm.dof, "f64", t, setup.sampling.samples, setup.r)
         record = replace(record, others=None if load[0] < 0 else load[0])
         times = {stage: [run.get(stage, 0.0) for run in runs] for stage in ("rest", *STAGES)}
@@ -168,8 +181,12 @@ def _record(record: Record, stage: str, times: Sequence[float], total: Sequence[
     return replace(record, part=stage, ratio=ratio, **found)  # type: ignore[arg-type]
 
 
-def _searches(spec: StudySpec, seconds: float) -> list[dict[str, float]]:
+def _searches(spec: StudySpec, seconds: float, quick: bool) -> list[dict[str, float]]:
     """Seconds per trial of every stage, of searches until the time has passed; at least one."""
+    start = time.perf_counter()
+    outcome.evaluate(spec, {"layout.spacing": 0.21})
+    trials = FEWEST if quick else int(np.clip(seconds / (time.perf_counter() - start), FEWEST, MOST))
+    spec = check({**spec.tree, "study": {**spec.tree["study"], "trials": trials}}, spec.path)
     found: list[dict[str, float]] = []
     end = time.perf_counter() + seconds
     while not found or time.perf_counter() < end:
@@ -178,8 +195,9 @@ def _searches(spec: StudySpec, seconds: float) -> list[dict[str, float]]:
             for stage, doors in STAGES.items():
                 for owner, name in doors:
                     patches.enter_context(patch.object(owner, name, clock.at(stage, getattr(owner, name))))
-            Run(spec, Store(Path(folder) / "paper"), clock).execute()
-        found.append({stage: value / spec.study.trials for stage, value in clock.seconds.items()})
+            with suppress(SearchOver):
+                Run(spec, Store(Path(folder) / "paper"), clock).execute()
+        found.append({stage: value / trials for stage, value in clock.seconds.items()})
     return found
 
 

@@ -3,7 +3,7 @@
 import pytest
 
 from eiwa.bench import share
-from eiwa.bench.share import PARTS, STAGES, Clock
+from eiwa.bench.share import PARTS, STAGES, Clock, SearchOver
 
 
 @pytest.fixture
@@ -29,7 +29,8 @@ def test_a_stage_is_charged_without_what_it_asks_of_another(now):
     now["now"] += 0.5
     outer()
     inner()
-    clock.begin("leaders", 1, 0)
+    with pytest.raises(SearchOver):
+        clock.begin("leaders", 1, 0)
     outer()
     assert dict(clock.seconds) == {"rest": 0.5, "outer": 4.0, "inner": 4.0}
 
@@ -45,17 +46,29 @@ def test_a_stage_that_fails_is_left(now):
     with pytest.raises(ValueError):
         clock.at("stage", fail)()
     now["now"] += 2.0
-    clock.begin("leaders", 1, 0)
+    clock.begin("designs", 1, 0)
     assert dict(clock.seconds) == {"stage": 1.0, "rest": 2.0}
 
 
-def test_shares_of_the_paper_study(monkeypatch):
-    monkeypatch.setattr(share, "QUICK", 2)
+@pytest.fixture
+def paper(tmp_path, monkeypatch):
+    """The paper's study with few samples and without volumes, whose elites take seconds."""
+    text = share.shipped("paper.toml").read_text()
+    for old, new in {"1_048_576": "65_536", "[metrics.dexterous_volume]\n[metrics.shared_volume]\n": ""}.items():
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "paper.toml").write_text(text)
+    monkeypatch.setattr(share, "shipped", lambda name: tmp_path / name)
+
+
+def test_shares_of_the_paper_study(paper, monkeypatch):
+    monkeypatch.setattr(share, "FEWEST", 2)
     records = share.records((1,), 0.0, lambda text: None, quick=True)
     seconds = {r.part: r.seconds for r in records}
     assert list(seconds) == [*PARTS, *(s for s in STAGES if s != "fill"), "rest", "trial"]
     assert sum(seconds[part] for part in seconds if part != "trial") == pytest.approx(seconds["trial"])
     assert sum(r.ratio for r in records if r.part != "trial") == pytest.approx(1.0)
     # Every door was passed: a function that moved away from its door would take no time.
-    assert all(seconds[stage] > 0 for stage in STAGES if stage != "fill")
-    assert sum(seconds[part] for part in PARTS) > 0.2 * seconds["trial"]
+    assert all(seconds[stage] > 0 for stage in STAGES if stage not in ("fill", "elites"))
+    assert sum(seconds[part] for part in PARTS) > 0
+    assert seconds["elites"] == 0
