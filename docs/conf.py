@@ -20,7 +20,7 @@ extensions = ["myst_parser", "sphinx.ext.mathjax"]
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 
-exclude_patterns = ["_build", "reference/_generated"]
+exclude_patterns = ["_build", "*/_generated"]
 html_theme = "furo"
 html_title = f"eiwa {release}"
 html_show_sphinx = False
@@ -29,6 +29,6 @@ nitpicky = True
 
 def setup(app):
     """Write the generated tables; what the pages lack is a warning, and so an error under -W."""
-    generate.write(HERE / "reference" / "_generated")
+    generate.write(HERE)
     for problem in generate.missing(HERE / "reference"):
         logging.getLogger(__name__).warning(problem)

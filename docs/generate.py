@@ -1,13 +1,17 @@
-"""Writes the tables of the reference from eiwa's models, and checks that hand-written pages name everything there is."""
+"""Writes the tables of the reference from eiwa's models, those of the performance page from the last results of
+`eiwa bench`, and checks that hand-written pages name everything there is."""
 
 import inspect
+import json
 import os
+import shutil
 from pathlib import Path
 
 from eiwa.core import hookspecs, sections
 from eiwa.core.registry import KINDS, load
 
 EXAMPLE = Path(__file__).parent.parent / "studies" / "paper.toml"
+RESULTS = Path(__file__).parent.parent / "benchmarks" / "results"
 SECTIONS = {
     "study": sections.StudySection,
     "layout": sections.LayoutSection,
@@ -21,18 +25,59 @@ SECTIONS = {
 }
 
 
-def write(folder):
+def write(docs):
     """One Markdown file per table; a file that would not change is left alone, so that Sphinx need not read it again."""
-    folder.mkdir(parents=True, exist_ok=True)
+    for folder, pages in (("reference", reference()), ("explanation", measured())):
+        generated = docs / folder / "_generated"
+        generated.mkdir(parents=True, exist_ok=True)
+        for name, text in pages.items():
+            path = generated / f"{name}.md"
+            if not path.exists() or path.read_text() != text:
+                path.write_text(text)
+    for picture in RESULTS.glob("*.png"):
+        shutil.copy2(picture, docs / "explanation" / "_generated")
+
+
+def reference():
+    """Tables of keys, plugins, numbers and commands."""
     pages = {name: table(model.model_json_schema()) for name, model in SECTIONS.items()}
     for kind in KINDS:
         pages[f"plugins-{kind}"] = "\n".join(described(entry.plugin, kind) for entry in built_in(kind))
     pages["numbers"] = numbers()
     pages["commands"] = "\n".join(help_page(name) for name in listed())
-    for name, text in pages.items():
-        path = folder / f"{name}.md"
-        if not path.exists() or path.read_text() != text:
-            path.write_text(text)
+    return pages
+
+
+def measured():
+    """Tables and pictures of every part of the results, and where they were measured."""
+    from eiwa.bench.measure import read
+    from eiwa.cli.bench import views
+
+    records, where = read(RESULTS / "bench.parquet")
+    pages = {}
+    for what in dict.fromkeys(r.what for r in records):
+        shown = views([r for r in records if r.what == what])
+        tables = [f"**{view.title}**\n\n{texts(view.columns, view.rows)}" for view in shown]
+        picture = f"```{{image}} _generated/{what}.png\n:alt: The times of the tables, drawn.\n```"
+        pages[what] = "\n".join([*tables, picture, ""])
+    vectors = next(
+        (name for name in ("avx512f", "avx2", "neon") if name in where["features"].split()), "no known vectors"
+    )
+    visits = [r.visits for r in records if r.what == "compare" and r.visits]
+    busy = max((r.others for r in records if r.others is not None), default=0.0)
+    versions = ", ".join(f"{name} {version}" for name, version in json.loads(where["versions"]).items())
+    pages["machine"] = (
+        f"Measured on {where['started']:%d %B %Y}: processor {where['cpu']} ({vectors}), {max(r.threads for r in records)} "
+        f"threads, {min(visits)} visits, {busy:.1f} cores busy with other processes; {versions}.\n"
+    )
+    return pages
+
+
+def texts(columns, rows):
+    """Rows of texts as a Markdown table, the first column to the left."""
+    heads = [column.replace("\n", " ") for column in columns]
+    lines = [heads, ["---", *["---:"] * (len(heads) - 1)], *rows]
+    return "".join(f"| {' | '.join(map(literal, line))} |\n" for line in lines)
 
 
 def missing(folder):

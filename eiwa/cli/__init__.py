@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from eiwa.cli import converge, evaluate, plugins, study
+from eiwa.cli import bench, converge, evaluate, plugins, study
 
 app = typer.Typer(
     name="eiwa",
@@ -23,6 +23,7 @@ app.add_typer(plugins.app, name="plugins")
 app.command("evaluate")(evaluate.evaluate)
 app.command("converge")(converge.converge)
 app.command("verify")(converge.verify)
+app.command("bench")(bench.bench)
 
 
 @app.callback(invoke_without_command=True)

@@ -305,3 +305,13 @@ def verification(checks: Sequence[Check]) -> Table:
         verdict = Text("passed", style="green") if c.passed else Text("FAILED", style="bold red")
         table.add_row(Text(c.name), f"{c.exact:.8g}", f"{c.found:.8g}", f"{c.error:.1e}", f"{c.allowed:.0e}", verdict)
     return table
+
+
+def plain(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Texts as they are, the first column to the left."""
+    table = _table(title)
+    for number, column in enumerate(columns):
+        table.add_column(Text(column), justify="right" if number else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*map(Text, row))
+    return table

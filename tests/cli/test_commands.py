@@ -12,7 +12,7 @@ from eiwa.study.store import Store
 from tests.study import small
 
 COMMANDS = {
-    (): ["study", "evaluate", "converge", "verify", "plugins", "--version"],
+    (): ["study", "evaluate", "converge", "verify", "bench", "plugins", "--version"],
     ("study",): ["run", "check", "show", "compare"],
     ("study", "run"): ["STUDY.toml", "--fresh", "--runs", "--set", "--json"],
     ("study", "check"): ["STUDY.toml", "--set", "--json"],
@@ -20,6 +20,7 @@ COMMANDS = {
     ("study", "compare"): ["STUDY.toml", "--replicates", "--runs", "--set", "--json"],
     ("converge",): ["STUDY.toml", "--design", "--set", "--json"],
     ("verify",): ["--json"],
+    ("bench",): ["compare|share|scaling", "--seconds", "--quick", "--out", "--json"],
     ("evaluate",): ["STUDY.toml", "--design", "--set", "--replicates", "--figure", "--json"],
     ("plugins",): ["list"],
     ("plugins", "list"): ["--json"],
