@@ -59,6 +59,14 @@ class Grid:
         """Whether mirroring in x maps the grid onto itself."""
         return 2 * self.origin[0] + self.shape[0] == 0
 
+    def mirrored(self, values: NDArray[Any]) -> NDArray[Any]:
+        """The mirror image in x of values on this grid; cells whose image lies outside are empty."""
+        image = np.zeros_like(values)
+        source = -1 - (self.origin[0] + np.arange(self.shape[0])) - self.origin[0]
+        inside = (source >= 0) & (source < self.shape[0])
+        image[inside] = values[source[inside]]
+        return image
+
 
 def pooled(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """On a :attr:`Grid.halved`, which cells of the whole edge have an occupied one of their eight."""
