@@ -36,6 +36,7 @@ BUILT_IN = (
     "eiwa.plugins.arms.urdf",
     "eiwa.plugins.dexterity.yoshikawa",
     "eiwa.plugins.humans.ehem",
+    "eiwa.plugins.humans.ehem_comfort",
     "eiwa.plugins.metrics.interaction",
     "eiwa.plugins.metrics.size",
     "eiwa.plugins.voxels.stores",
