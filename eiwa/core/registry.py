@@ -37,6 +37,7 @@ BUILT_IN = (
     "eiwa.plugins.dexterity.yoshikawa",
     "eiwa.plugins.humans.ehem",
     "eiwa.plugins.humans.ehem_comfort",
+    "eiwa.plugins.humans.free_arm",
     "eiwa.plugins.metrics.interaction",
     "eiwa.plugins.metrics.size",
     "eiwa.plugins.voxels.stores",
