@@ -38,6 +38,7 @@ BUILT_IN = (
     "eiwa.plugins.humans.ehem",
     "eiwa.plugins.humans.ehem_comfort",
     "eiwa.plugins.humans.free_arm",
+    "eiwa.plugins.humans.points",
     "eiwa.plugins.metrics.interaction",
     "eiwa.plugins.metrics.size",
     "eiwa.plugins.voxels.stores",

@@ -12,7 +12,7 @@ from eiwa.core.registry import KINDS, Registry, load
 BUILT_IN = {
     "arm": {"dh"},
     "dexterity": {"yoshikawa"},
-    "human": {"ehem", "ehem_comfort", "ehem_percentile", "free_arm"},
+    "human": {"ehem", "ehem_comfort", "ehem_percentile", "free_arm", "points"},
     "voxels": {"dense"},
     "metrics": {
         "F", "F_volume", "mean_dexterity", "singletons", "reach", "total_link_length", "shared_volume",
