@@ -305,7 +305,7 @@ def test_every_number_names_its_source():
     ("changed", "ratio"),
     [
         ({"roll": [0.0, 0.0]}, 0.73),
-        ({"toe_in": 0.0}, 0.88),
+        ({"toe_in": 0.01}, 0.88),
         ({"toe_in": 30.0}, 1.15),
         ({"grip": 0.060}, 0.61),
         ({"grip": 0.187}, 1.67),

@@ -20,7 +20,7 @@ from eiwa.core.interfaces import Operator
 from eiwa.core.workspace import Grid
 from eiwa.plugins.humans.ehem_comfort import RANGES, ComfortParameters, EhemComfort, factor, quadratic
 from tests import humans
-from tests.humans import field, litres, own_grid
+from tests.humans import field, own_grid
 
 METRICS = ("rula", "luba", "quadratic")
 P = ComfortParameters()
@@ -106,8 +106,8 @@ def test_every_voxel_takes_the_best_slide_of_a_rotation(metric):
     expected = np.zeros(grid.shape)
     (low_x, high_x), (low_y, high_y) = human.forearm.ranges[:2]
     for posture, tip in zip(q, tips, strict=True):
-        for posture[0] in np.linspace(low_x, high_x, 90):
-            for posture[1] in np.linspace(low_y, high_y, 90):
+        for posture[0] in np.linspace(low_x, high_x, 60):
+            for posture[1] in np.linspace(low_y, high_y, 60):
                 cell = tuple(np.floor((tip + [*posture[:2], 0]) / r).astype(int) - grid.origin)
                 expected[cell] = max(expected[cell], COMFORT[metric](posture, tip[0] + posture[0]))
     both = expected > 0
@@ -131,23 +131,6 @@ def test_E_is_positive_where_the_wide_ranges_reach(ranges):
     grid = own_grid(human, r)
     reached = human.forearm.reached(grid, 0.0, field_stream(1, 0), 1 << 20)
     assert np.count_nonzero((field(human, grid).right > 0) ^ reached) < 0.03 * reached.sum()
-
-
-@pytest.mark.parametrize(
-    ("metric", "ranges", "volume", "total"),
-    [
-        ("rula", "functional", 85.1, 71.7),
-        ("luba", "functional", 85.3, 81.5),
-        ("quadratic", "functional", 84.8, 9.86),
-        ("rula", "maximal", 159.9, 131.7),
-    ],
-)
-def test_volume_and_sum_of_E(metric, ranges, volume, total):
-    """Litres at 20 mm, as the documentation states them."""
-    human, r = model(metric, ranges, samples=1 << 20), 0.02
-    E = field(human, own_grid(human, r)).right
-    assert litres(E, r) == pytest.approx(volume, rel=0.01)
-    assert E.sum() * r**3 * 1000 == pytest.approx(total, rel=0.01)
 
 
 @pytest.mark.parametrize("metric", METRICS)
@@ -180,9 +163,9 @@ def test_across_the_mid_line_rula_is_less_comfortable():
 
 def test_luba_scores_the_wrist_alone():
     """Wherever a straight wrist comes to, c is 1: the comfort of the elbow is not asked."""
-    human = model("luba", samples=1 << 20)
-    grid = own_grid(human, 0.02)
-    assert (field(human, grid).right == 1.0).sum() > 0.5 * (field(human, grid).right > 0).sum()
+    human = model("luba")
+    E = field(human, own_grid(human, 0.02)).right
+    assert (E == 1.0).sum() > 0.5 * (E > 0).sum()
 
 
 # The scale.

@@ -9,7 +9,7 @@ from eiwa.core.interfaces import Operator
 from eiwa.core.workspace import Grid
 from eiwa.plugins.humans.free_arm import RANGES, FreeArmParameters, to_limits
 from tests import humans
-from tests.humans import field, litres, own_grid
+from tests.humans import field, own_grid
 
 P = FreeArmParameters()
 SHOULDER = np.array([P.shoulder_side, -P.shoulder_back, P.shoulder_height])
@@ -66,15 +66,6 @@ def test_directions_are_anatomical(moved, direction):
 
 
 # The cells.
-
-
-@pytest.mark.parametrize(
-    ("ranges", "r", "expected"),
-    [("comfort", 0.02, 67.2), ("comfort", 0.01, 59.7), ("functional", 0.02, 267.4), ("maximal", 0.02, 1091.0)],
-)
-def test_volume_of_one_hand(ranges, r, expected):
-    human = arm(ranges)
-    assert litres(field(human, own_grid(human, r)).right, r) == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("ranges", RANGES)

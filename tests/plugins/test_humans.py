@@ -9,7 +9,7 @@ from eiwa.core.interfaces import Operator
 from tests import humans
 from tests.humans import field, own_grid, wider
 
-SAMPLES = {"samples": 1 << 17}
+SAMPLES = {"samples": 1 << 16}
 MODELS = {
     "ehem": ("ehem", SAMPLES),
     "woman": ("ehem_percentile", {"sex": "female", "percentile": 5.0, **SAMPLES}),
@@ -134,3 +134,10 @@ def test_hands_of_comfortable_operators_are_as_far_apart_as_most_were_seen(build
     grid = own_grid(human, R)
     (x,) = quantiles(field(human, grid).right, grid, 0, (0.5,))
     assert DISTANCES[0] < 2 * x < DISTANCES[2] + R
+
+
+def test_the_median_distance_of_the_ehem_s_hands(build):
+    human = build("ehem")
+    grid = own_grid(human, R)
+    (x,) = quantiles(field(human, grid).right, grid, 0, (0.5,))
+    assert 2 * x == pytest.approx(0.30, abs=R)

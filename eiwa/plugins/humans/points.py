@@ -22,7 +22,7 @@ FARTHEST = 10.0
 
 
 class PointsParameters(Parameters):
-    """Measured positions of the hands: columns x, y, z [m] in W, and where there are any weight and hand."""
+    """Measured positions of the hands: a file with columns x, y, z (metres, in W) and, if known, weight and hand."""
 
     hands: Literal["measured", "mirrored"] = quantity(
         "measured",
