@@ -61,7 +61,7 @@ def lengths(sex: Sex, percentile: float, mode: Mode = "stature", seed: int = 0) 
     """One person's stature and lengths [m].
 
     A percentile is mean + z sd of the normal distribution: smooth, and for stature within 5 mm of the survey's own
-    percentiles from the 1st to the 95th (11 mm at men's 99th), which moves an arm by a tenth of its spread at one stature.
+    percentiles from the 1st to the 95th (11 mm at men's 99th). People of one stature differ by more: 10 mm in the upper arm.
 
     Parameters
     ----------

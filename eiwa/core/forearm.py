@@ -34,6 +34,7 @@ FINE, PITCH = 0.005, np.radians(20.0)
 """Its bins: about so wide in x and y [m], as high as a voxel, and so far in pitch [rad]."""
 FINEST = 7
 """Its steps have amplitudes 1 ... 2^-7 of a joint's range."""
+NOTHING = -1e300
 
 
 def slides(
@@ -161,7 +162,7 @@ class Forearm:
         first, last = np.floor((self.tip_box + lift) / size).astype(np.int64)
         pitches = max(1, int(np.ceil(np.ptp(self.ranges[2]) / PITCH)))
         shape = (*(last - first + 1), pitches)
-        best = np.full(np.prod(shape), -np.inf)
+        best = np.full(np.prod(shape), NOTHING)
         shares = np.zeros((len(best), self.chain.dof))
 
         def credit(u: Array) -> None:
@@ -176,12 +177,12 @@ class Forearm:
             credit(to_ends(stream.points(number, min(CHUNK, random - number), self.chain.dof)))
         steps, spent = Stream("plain", stream.key), random
         while spent < samples:
-            elites = np.flatnonzero(best > -np.inf)
+            elites = np.flatnonzero(best > NOTHING)
             x = steps.points(spent, min(GENERATION, samples - spent), 13)
             start = shares[elites[(spent + np.arange(len(x))) % len(elites)]]
             credit(np.clip(start + 2.0 ** (-FINEST * x[:, 12:]) * (x[:, :6] - x[:, 6:12]), 0.0, 1.0))
             spent += len(x)
-        found = np.flatnonzero(best > -np.inf)
+        found = np.flatnonzero(best > NOTHING)
         found = found[np.argsort(-best[found], kind="stable")]
         return Rotations(self.angles(shares[found]), self.tips(shares[found]) + lift, best[found])
 

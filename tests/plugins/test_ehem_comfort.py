@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from eiwa.core.ergonomics import (
+from eiwa.core.comfort import (
     luba_wrist,
+    quadratic,
     rula_abducted,
     rula_aside,
     rula_comfort,
@@ -18,7 +19,7 @@ from eiwa.core.evaluation import field_stream
 from eiwa.core.forearm import Rotations, slides
 from eiwa.core.interfaces import Operator
 from eiwa.core.workspace import Grid
-from eiwa.plugins.humans.ehem_comfort import RANGES, ComfortParameters, EhemComfort, factor, quadratic
+from eiwa.plugins.humans.ehem_comfort import RANGES, ComfortParameters, EhemComfort, factor
 from tests import humans
 from tests.humans import field, own_grid
 
@@ -76,7 +77,7 @@ def test_quadratic_comfort_is_a_half_at_the_end_of_one_comfortable_range(joint):
     hard = model().hard
     q = hard.ranges.mean(axis=1)
     q[joint] = hard.ranges[joint, 1]
-    assert quadratic(hard).promise(q[None])[0] == pytest.approx(0.5)
+    assert quadratic(hard.ranges).promise(q[None])[0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("metric", METRICS)

@@ -7,20 +7,19 @@ assumption with a source.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from eiwa.core.anthropometry import lengths
+from eiwa.core.chain_parameters import Range
 from eiwa.core.forearm import Forearm, slides
 from eiwa.core.hookspecs import Parameters, Plugin, hookimpl, quantity
 from eiwa.core.interfaces import Array, ErgonomicField, HumanModel, Operator
 from eiwa.core.sampling import Stream
 from eiwa.core.workspace import Grid
-
-Range = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 ANSUR = "ANSUR II (2012)"
 MEANS = f"{ANSUR}, mean of men's and women's means"

@@ -27,6 +27,8 @@ from eiwa.core.workspace import Grid
 
 MEANS = "ANSUR II (2012), mean of men's and women's means"
 CHUNK = 1 << 16
+FINEST = 0.0025
+"""Size [m] below which cells of the arcs do not fall with the voxels: 2^20 samples fill them."""
 SECTORS = 12
 """Sectors of 30 deg in which phases are kept apart: narrower than every preset's range of shoulder flexion."""
 
@@ -128,17 +130,20 @@ class FreeArm(HumanModel):
 
     def field(self, grid: Grid, operator: Operator, stream: Stream) -> ErgonomicField:
         """Paint the arcs of the right hand, mirror them for the left."""
-        p, length, size = self.parameters, sum(self._lengths), grid.r / 2
+        p, length = self.parameters, sum(self._lengths)
+        parts = max(1, int(np.ceil(2 * FINEST / grid.r)))
+        size = parts * grid.r / 2
         x, y, z = self._shoulder(operator)
-        first = int(np.floor((x - length) / size))
-        phases = np.full((int((x + length) / size) - first + 2, int(length / size) + 1, SECTORS, 2), np.nan)
+        first = int(np.floor((x - length) / size)) - 1
+        cells = int((x + length) / size) - first + 2, int(length / size) + 1
+        phases = np.tile([np.pi, -np.pi], (*cells, SECTORS, 1))  # [low, high], empty
         for number in range(0, p.samples, CHUNK):
             u = stream.points(number, min(CHUNK, p.samples - number), 6)
             tips = self.chain.tips(np.column_stack([np.zeros(len(u)), to_limits(u)]))
             _collect(phases, (tips + [x, 0, 0]) / size, first)
         reached = np.zeros(grid.shape, np.bool_)
         turn = float(self.chain.upper[0] - self.chain.lower[0])
-        _paint(reached, phases, turn, size, first, y, z, self._box + [x, y, z], grid.r, grid.origin)
+        _paint(reached, phases, turn, parts, first, y, z, self._box + [x, y, z], grid.r, grid.origin)
         right = np.where(reached, p.comfort, 0.0)
         return ErgonomicField(right, grid.mirrored(right))
 
@@ -156,30 +161,31 @@ def _collect(phases: Any, tips: Any, first: Any) -> None:
         i, j = int(np.floor(tips[n, 0])) - first, int(np.hypot(tips[n, 1], tips[n, 2]))
         phase = np.arctan2(tips[n, 2], tips[n, 1])
         k = min(int((phase + np.pi) * (SECTORS / (2 * np.pi))), SECTORS - 1)
-        low, high = phases[i, j, k]
-        phases[i, j, k, 0] = phase if not low <= phase else low
-        phases[i, j, k, 1] = phase if not high >= phase else high
+        phases[i, j, k, 0] = min(phases[i, j, k, 0], phase)
+        phases[i, j, k, 1] = max(phases[i, j, k, 1], phase)
 
 
 @compiled
 def _paint(
-    reached: Any, phases: Any, turn: Any, size: Any, first: Any, y: Any, z: Any, box: Any, r: Any, origin: Any
+    reached: Any, phases: Any, turn: Any, parts: Any, first: Any, y: Any, z: Any, box: Any, r: Any, origin: Any
 ) -> None:
     """Mark the cells on the arcs that the intervals become when all turn about the axis at y, z from 0 to ``turn``.
 
-    Two points of one sector are nearer to each other than the turn is wide, so what lies between them is reached.
+    Two points of one sector are nearer to each other than the turn is wide, so what lies between them is reached. Arcs
+    stand half a voxel apart, ``parts`` by ``parts`` of them for a cell.
     """
     nx, ny, nz = reached.shape
-    for i in range(phases.shape[0]):
-        tip_x = (first + i + 0.5) * size
+    size = r / 2
+    for column in range(phases.shape[0] * parts):
+        tip_x = (first * parts + column + 0.5) * size
         a = int(np.floor(tip_x / r)) - origin[0]
         if not (0 <= a < nx and box[0, 0] <= tip_x <= box[1, 0]):
             continue
-        for j in range(phases.shape[1]):
-            radius = (j + 0.5) * size
+        for row in range(phases.shape[1] * parts):
+            radius = (row + 0.5) * size
             begun, start, done = False, 0.0, 0.0
-            for low, high in phases[i, j]:
-                if not low <= high:
+            for low, high in phases[column // parts, row // parts]:
+                if low > high:
                     continue
                 if not begun:
                     begun, start, done = True, low, low

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eiwa.core.ergonomics import (
+from eiwa.core.comfort import (
     luba_wrist,
     rula_abducted,
     rula_aside,
