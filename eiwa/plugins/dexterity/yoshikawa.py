@@ -27,6 +27,7 @@ class YoshikawaParameters(Parameters):
         None,
         gt=0,
         description="Scaling factor of Eq. (1). 12270 gives a factor of 0.95 at mid-range of six joints.",
+        examples=[12270],
     )
     K_scaled: float | None = quantity(
         None,

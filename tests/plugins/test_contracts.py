@@ -1,0 +1,62 @@
+"""Every built-in keeps the contracts that are asked of an outsider's plugin."""
+
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from eiwa import testing
+from eiwa.core.errors import SpecError
+from eiwa.core.registry import load
+from eiwa.testing.dexterity import invariances
+from eiwa.testing.subject import of_entry
+
+TABLES = {
+    ("human", "ehem"): [{"samples": 1 << 16}],
+    ("voxels", "dense"): [{"aggregate": "max"}, {"aggregate": "mean"}],
+}
+"""Parameters to try a built-in with, where its defaults and examples are not what should be tried; one list entry each."""
+
+PREFERS_DIRECTIONS = set()
+"""Indices that may change when the base is turned."""
+
+FOLDER = Path(__file__).parent
+"""Where files that parameters name are looked for."""
+
+BUILT_IN = {key: entry for key, entry in load().entries.items() if entry.provider.startswith("eiwa.plugins.")}
+TRIED = [(*key, position) for key in BUILT_IN for position in range(len(TABLES.get(key, [{}])))]
+CASES = [(*tried, contract) for tried in TRIED for contract in testing.contracts(tried[0])]
+
+
+@cache
+def subject(kind, name, position):
+    """The built-in, built from the table at a position."""
+    table = TABLES.get((kind, name), [{}])[position]
+    try:
+        return of_entry(BUILT_IN[kind, name], table, FOLDER)
+    except SpecError as error:
+        pytest.fail(
+            f"{kind} {name} cannot be tried: {error}. Give its parameters defaults or examples=[...], "
+            f"or add ({kind!r}, {name!r}): [{{...}}] to TABLES in {Path(__file__).name}."
+        )
+
+
+def label(value):
+    return value.__name__ if callable(value) else str(value)
+
+
+@pytest.mark.parametrize(("kind", "name", "position", "contract"), CASES, ids=label)
+def test_contract(kind, name, position, contract):
+    assert contract(subject(kind, name, position))
+
+
+def test_tables_are_of_built_ins():
+    assert TABLES.keys() <= BUILT_IN.keys()
+
+
+@pytest.mark.parametrize("name", [name for kind, name in BUILT_IN if kind == "dexterity"])
+def test_an_index_does_not_depend_on_where_the_base_stands(name):
+    """By default an index is of the arm alone: turning and moving its base changes nothing."""
+    changes = invariances(subject("dexterity", name, 0))
+    assert changes["moving the base"] <= 1e-9
+    assert (changes["turning the base"] <= 1e-9) is (name not in PREFERS_DIRECTIONS)
