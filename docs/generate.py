@@ -4,10 +4,12 @@
 import inspect
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
 from eiwa.core import hookspecs, sections
+from eiwa.core.description import tables
 from eiwa.core.registry import KINDS, load
 
 EXAMPLE = Path(__file__).parent.parent / "studies" / "paper.toml"
@@ -40,7 +42,7 @@ def write(docs):
 
 def reference():
     """Tables of keys, plugins, numbers and commands."""
-    pages = {name: table(model.model_json_schema()) for name, model in SECTIONS.items()}
+    pages = {name: table(tables(model)[0].keys) for name, model in SECTIONS.items()}
     for kind in KINDS:
         pages[f"plugins-{kind}"] = "\n".join(described(entry.plugin, kind) for entry in built_in(kind))
     pages["numbers"] = numbers()
@@ -136,16 +138,20 @@ def built_in(kind):
 def described(plugin, kind):
     """A plugin's heading, docstring and parameters."""
     level = "###" if kind == "metrics" else "####"
-    schema = plugin.parameters.model_json_schema()
-    text = schema.get("description", "").replace("``", "`").replace("\n", "\n\n")
-    parts = [f"{level} `{plugin.name}`", "", literal(text), ""]
+    whole, *inner = tables(plugin.parameters)
+    parts = [f"{level} `{plugin.name}`", "", text_of(whole).replace("\n", "\n\n"), ""]
     if plugin.numbers:
         parts += ["Yields " + ", ".join(f"`{n.name}`" for n in plugin.numbers) + ".", ""]
-    if schema.get("properties"):
-        parts += [table(schema)]
-    for name, part in schema.get("$defs", {}).items():
-        parts += [f"Each {name}: {literal(part['description'].replace('``', '`'))}", "", table(part)]
+    if whole.keys:
+        parts += [table(whole.keys)]
+    for part in inner:
+        parts += [f"Each {part.name}: {text_of(part)}", "", table(part.keys)]
     return "\n".join(parts)
+
+
+def text_of(described):
+    """A model's docstring."""
+    return literal(described.text.replace("``", "`"))
 
 
 def numbers():
@@ -158,45 +164,17 @@ def numbers():
     return "\n".join(lines) + "\n"
 
 
-def table(schema):
-    """Keys of a model's JSON schema as a Markdown table; the source column only where a key names one."""
-    keys = schema["properties"]
-    sourced = any("source" in key for key in keys.values())
+def table(keys):
+    """Keys of a model as a Markdown table; the source column only where a key names one."""
+    sourced = any(key.source for key in keys)
     head = ["key", "type", "default", "unit", "what", *(["source of the default"] if sourced else [])]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
-    for name, key in keys.items():
-        default = "required" if name in schema.get("required", []) else value(key.get("default"))
-        cells = [f"`{name}`", allowed(key), default, key.get("unit", ""), literal(key.get("description", ""))]
-        lines.append(f"| {' | '.join([*cells, *([literal(key.get('source', ''))] if sourced else [])])} |")
+    for key in keys:
+        default = key.default if key.required or key.default == "none" else f"`{key.default}`"
+        kind = re.sub(r'("[^"]*"|\^\S+)', r"`\1`", key.type)
+        cells = [f"`{key.name}`", kind, default, key.unit, literal(key.what)]
+        lines.append(f"| {' | '.join([*cells, *([literal(key.source)] if sourced else [])])} |")
     return "\n".join(lines) + "\n"
-
-
-def allowed(key):
-    """Type and bounds of one key."""
-    if "anyOf" in key:
-        return " or ".join(allowed(part) for part in key["anyOf"] if part.get("type") != "null")
-    if "enum" in key or "const" in key:
-        return ", ".join(f'`"{v}"`' for v in key.get("enum", [key.get("const")]))
-    if "$ref" in key:
-        return key["$ref"].split("/")[-1]
-    if key["type"] == "object":
-        return f"table of name = {allowed(key['additionalProperties'])}"
-    if key["type"] == "array":
-        size = f"{key['minItems']} " if key.get("minItems") == key.get("maxItems", -1) else ""
-        item = allowed(key["items"])
-        return f"list of {size}{item + 's' if item.isalpha() else item}"
-    if "pattern" in key:
-        return f"string matching `{key['pattern']}`"
-    signs = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
-    bounds = ", ".join(f"{sign} {key[bound]}" for bound, sign in signs if bound in key)
-    return f"{key['type']} {bounds}".strip()
-
-
-def value(default):
-    """A default as TOML writes it."""
-    if default is None:
-        return "none"
-    return f"`{str(default).lower() if isinstance(default, bool) else repr(default)}`".replace("'", '"')
 
 
 def literal(text):

@@ -8,6 +8,7 @@ import numpy as np
 
 from eiwa.core.derivative import differentiate, on_arrays
 from eiwa.core.interfaces import Arm, ArmColumns, Array, Postures, TracedArm
+from eiwa.core.linear import volume
 from eiwa.core.symbols import Column, as_columns
 from eiwa.testing import purity
 from eiwa.testing.contract import Contract, NotApplicable, Violation
@@ -157,6 +158,21 @@ def measures_angles_in_radians(subject: Subject) -> str:
     return "[rad]"
 
 
+def reduced_jacobian_has_the_same_volume(subject: Subject) -> str:
+    """Where columns(u, p) offers a reduced Jacobian, all its rows together have the Jacobian's volume."""
+    arm = subject.part
+    if not isinstance(arm, TracedArm):
+        return NotApplicable("plain NumPy: evaluated in blocks, not compiled")
+    columns = arm.columns(as_columns(points(arm.dof, SAMPLES)), list(arm.constants))
+    if columns.reduced is None or arm.dof < 6:
+        return NotApplicable("no reduced Jacobian" if columns.reduced is None else "fewer than six joints")
+    right, seen = (np.broadcast_to(volume(J), SAMPLES) for J in (columns.jacobian, columns.reduced))
+    if problem := difference({"volumes": right}, {"volumes": seen}, purity.ROUNDING):
+        cause = "a point that does not move with the handle, or rows that are not those of the same axes."
+        raise Violation("the volume of the Jacobian at the tip", problem, cause)
+    return accuracy(float(np.abs(seen - right).max() / right.max()))
+
+
 def tells_its_mobility(subject: Subject) -> str:
     """In how many directions the tip can move at once: what dexterity.rows may ask for."""
     postures = subject.part.postures(points(subject.part.dof, SAMPLES))
@@ -272,6 +288,7 @@ CONTRACTS: tuple[Contract, ...] = (
     measures_angles_in_radians,
     traced_form_is_the_array_form,
     structure_tells_formulas_apart,
+    reduced_jacobian_has_the_same_volume,
     tells_its_mobility,
     tells_its_speed,
 )

@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from eiwa.core.errors import EiwaError
 from eiwa.core.interfaces import ArmColumns, Array, DexterityIndex, Postures, TracedIndex
@@ -97,7 +98,7 @@ def serves_other_arms(subject: Subject) -> str:
     }.items():
         arm, postures = reference.pilot(*key)
         try:
-            values = subject.part.values(_some(postures, slice(None)), subject.part.prepare(arm, postures))
+            values = _asked_plainly(subject.part, _some(postures, slice(None)), subject.part.prepare(arm, postures))
         except EiwaError as error:
             said.append(f"{name}: refused ({error})")
             continue
@@ -119,7 +120,7 @@ def invariances(subject: Subject) -> dict[str, float]:
     """Largest change of the index, relative to its largest value, under changes of the base's pose and of the tool."""
     arm, postures = _pilot()
     index, n = subject.part, SAMPLES
-    wanted = index.values(_some(postures, slice(0, n)), index.prepare(arm, postures))
+    wanted = _asked_plainly(index, _some(postures, slice(0, n)), index.prepare(arm, postures))
     Q: Transform = roll_pitch_yaw(0.7, -0.4, 1.1)[:3, :3]
     moves: dict[str, Callable[[Postures], Postures]] = {
         "turning the base": lambda p: replace(
@@ -132,7 +133,7 @@ def invariances(subject: Subject) -> dict[str, float]:
     changes = {}
     for name, move in moves.items():
         moved = move(postures)
-        seen = index.values(_some(moved, slice(0, n)), index.prepare(arm, moved))
+        seen = _asked_plainly(index, _some(moved, slice(0, n)), index.prepare(arm, moved))
         changes[name] = float(np.abs(seen - wanted).max() / max(float(np.abs(wanted).max()), 1e-300))
     return changes
 
@@ -170,9 +171,8 @@ def traced_form_is_the_array_form(subject: Subject) -> str:
     arm, postures = _pilot()
     some = _some(postures, slice(0, SAMPLES))
     prepared = _prepared(index)
-    columns = [some.u, some.q, some.tips, some.rotations.reshape(-1, 9), some.jacobians.reshape(SAMPLES, -1)]
     recording = _recording(index, arm.dof, arm.limited, len(prepared))
-    seen = recording.play(np.concatenate(columns, axis=1), prepared)[:, 0]
+    seen = recording.play(_flat(some), prepared)[:, 0]
     if problem := difference({"values": index.values(some, prepared)}, {"values": seen}, purity.ROUNDING):
         cause = "values is overridden with another formula, or a number is taken while tracing (float(...), if)."
         raise Violation("one index in every form", f"columns, traced: {problem}", cause)
@@ -201,11 +201,11 @@ def structure_tells_formulas_apart(subject: Subject) -> str:
 
 
 def tells_its_speed(subject: Subject) -> str:
-    """How many postures a second one thread evaluates."""
+    """How many postures a second are evaluated."""
     some = _some(_pilot()[1], slice(0, 1 << 13))
     prepared = _prepared(subject.part)
-    flow = ", compiled in a study" if isinstance(subject.part, TracedIndex) else ""
-    return f"{rate(lambda: subject.part.values(some, prepared), 1 << 13)} postures/s in plain NumPy{flow}"
+    flow = "compiled" if isinstance(subject.part, TracedIndex) else "plain NumPy"
+    return f"{rate(lambda: subject.part.values(some, prepared), 1 << 13)} postures/s, {flow}"
 
 
 def _pilot() -> Any:
@@ -217,7 +217,21 @@ def _prepared(index: DexterityIndex) -> Any:
 
 
 def _values(index: DexterityIndex, postures: Postures) -> Array:
-    return index.values(postures, _prepared(index))
+    return _asked_plainly(index, postures, _prepared(index))
+
+
+def _asked_plainly(index: DexterityIndex, postures: Postures, prepared: NDArray[np.float64]) -> Array:
+    """The index's values; a formula is traced and played back, which needs no compiler."""
+    if not isinstance(index, TracedIndex) or type(index).values is not TracedIndex.values:
+        return index.values(postures, prepared)
+    recording = _recording(index, postures.u.shape[1], postures.limited, len(prepared))
+    return recording.play(_flat(postures), prepared)[:, 0]
+
+
+def _flat(postures: Postures) -> Array:
+    """u, q, tip, rotation and Jacobian as the inputs of :func:`_recording`."""
+    p, n = postures, len(postures.u)
+    return np.concatenate([p.u, p.q, p.tips, p.rotations.reshape(n, 9), p.jacobians.reshape(n, -1)], axis=1)
 
 
 def _some(postures: Postures, rows: slice) -> Postures:
@@ -251,7 +265,7 @@ def _asked(index: DexterityIndex) -> Asked:
 
     def answer(given: Arrays) -> Arrays:
         postures = replace(some, **given)  # type: ignore[arg-type]
-        return {"values": index.values(postures, prepared)}
+        return {"values": _asked_plainly(index, postures, prepared)}
 
     return Asked("index", answer, {f.name: getattr(some, f.name) for f in fields(Postures) if f.name != "limited"})
 

@@ -12,6 +12,12 @@ import numpy as np
 from eiwa.core.interfaces import Array
 from eiwa.core.symbols import Column, Symbol, Tape
 
+
+def _lowest(shifted: Any) -> Any:
+    """The small integer in the lowest bits of a double (:func:`eiwa.core.symbols.rounded`)."""
+    return (np.asarray(shifted, np.float64).view(np.int64) << 52) >> 52
+
+
 _OPERATIONS: dict[str, Callable[..., Any]] = {
     "add": operator.add,
     "sub": operator.sub,
@@ -25,6 +31,8 @@ _OPERATIONS: dict[str, Callable[..., Any]] = {
     "le": operator.le,
     "and": np.logical_and,
     "select": np.where,
+    "flip": lambda x, shifted: np.where(_lowest(shifted) & 1, -x, x),
+    "power": lambda shifted: np.exp2(_lowest(shifted)),
 }
 
 

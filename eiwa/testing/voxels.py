@@ -37,6 +37,15 @@ def builds(subject: Subject) -> str:
     return f"{type(subject.part).__name__}, {subject.part.bytes_per_cell} bytes a cell"
 
 
+def suits_any_size(subject: Subject) -> str:
+    """suited(cells) is a VoxelBackend: for few cells and for many."""
+    found = [subject.part.suited(cells) for cells in (CELLS, 1 << 28)]
+    for backend in found:
+        if not isinstance(backend, VoxelBackend):
+            raise Violation("a VoxelBackend from suited(cells)", f"{type(backend).__name__}")
+    return ", ".join(dict.fromkeys(type(backend).__name__ for backend in found))
+
+
 def opens_empty(subject: Subject) -> str:
     """An empty store has value 0 and no hits in every cell."""
     values, hits = _read(subject, subject.part.open(CELLS))
@@ -93,7 +102,7 @@ def knows_max_and_mean(subject: Subject) -> str:
 def reads_count_samples(subject: Subject) -> str:
     """deposit reads the first count entries of its arrays; what follows is left over from other blocks."""
     cells, values = _deposits()
-    store = subject.part.open(CELLS)
+    store = subject.part.ready(subject.part.open(CELLS), len(cells))
     for start in range(0, len(cells), BLOCK):
         part = cells[start : start + BLOCK]
         subject.part.deposit(
@@ -117,10 +126,10 @@ def does_not_depend_on_the_order_of_merging(subject: Subject) -> str:
     parts = [(cells, values) for cells, values in zip(*(np.array_split(a, 3) for a in _deposits()), strict=True)]
     whole = _filled(subject, parts)
     for order in ((0, 1, 2), (2, 0, 1), (1, 2, 0)):
-        stores = [_filled(subject, [parts[k]]) for k in order]
-        for other in stores[1:]:
-            subject.part.merge(stores[0], other)
-        _same(subject, stores[0], whole, "merge forgets hits or survivors, or adds floating-point sums")
+        merged, *others = (_filled(subject, [parts[k]]) for k in order)
+        for other in others:
+            merged = subject.part.merge(merged, other)
+        _same(subject, merged, whole, "merge forgets hits or survivors, or adds floating-point sums")
     return "bit by bit"
 
 
@@ -132,7 +141,7 @@ def goes_on_after_reading(subject: Subject) -> str:
     early = subject.part.values(store)
     kept = np.array(early)
     _read(subject, store)
-    _deposit(subject, store, cells[half:], values[half:])
+    store = _deposit(subject, store, cells[half:], values[half:])
     _same(subject, store, _filled(subject, [(cells, values)]), "reading a store changes it")
     if not np.array_equal(early, kept):
         cause = "values returns a view of the store. Return a copy."
@@ -148,8 +157,7 @@ def grows(subject: Subject) -> str:
     spread[:2] = 0, many - 1
     values = values.copy()
     values[:2] = 0.75
-    store = subject.part.open(many)
-    _deposit(subject, store, spread, values)
+    store = _deposit(subject, subject.part.open(many), spread, values)
     kept, hits = np.asarray(subject.part.values(store)), np.asarray(subject.part.hits(store))
     if (
         kept.shape != (many,)
@@ -166,8 +174,7 @@ def grows(subject: Subject) -> str:
 def takes_single_precision(subject: Subject) -> str:
     """Values may be float32: precision = "f32"."""
     cells, values = _deposits()
-    store = subject.part.open(CELLS)
-    _deposit(subject, store, cells, values.astype(np.float32))
+    store = _deposit(subject, subject.part.open(CELLS), cells, values.astype(np.float32))
     kept, hits = _read(subject, store)
     wanted, _ = _read(subject, _filled(subject, [(cells, values)]))
     if hits.sum() != len(cells) or np.abs(kept - wanted).max() > 1e-6:
@@ -178,8 +185,7 @@ def takes_single_precision(subject: Subject) -> str:
 def tells_its_speed(subject: Subject) -> str:
     """How many samples a second one thread deposits."""
     cells, values = _deposits()
-    store = subject.part.open(CELLS)
-    _deposit(subject, store, cells, values)
+    store = _deposit(subject, subject.part.open(CELLS), cells, values)
     linked = "linked into the kernel" if isinstance(subject.part.deposit, Dispatcher) else "plain Python, not linked"
     return f"{rate(lambda: subject.part.deposit(store, cells, values, len(cells)), len(cells))} samples/s, {linked}"
 
@@ -194,16 +200,19 @@ def _deposits() -> Deposits:
     return cells, values
 
 
-def _deposit(subject: Subject, store: Any, cells: NDArray[np.int32], values: Array) -> None:
+def _deposit(subject: Subject, store: Any, cells: NDArray[np.int32], values: Array) -> Any:
+    """The store with samples deposited block by block, made ready for them before, as a study does."""
+    store = subject.part.ready(store, len(cells))
     for start in range(0, len(cells), BLOCK):
         part = cells[start : start + BLOCK]
         subject.part.deposit(store, part, values[start : start + BLOCK], len(part))
+    return store
 
 
 def _filled(subject: Subject, parts: Sequence[Deposits]) -> Any:
     store = subject.part.open(CELLS)
     for cells, values in parts:
-        _deposit(subject, store, cells, values)
+        store = _deposit(subject, store, cells, values)
     return store
 
 
@@ -225,7 +234,7 @@ def _same(subject: Subject, one: Any, other: Any, cause: str) -> str:
     return "bit by bit"
 
 
-BASIC: tuple[Contract, ...] = (builds, opens_empty)
+BASIC: tuple[Contract, ...] = (builds, suits_any_size, opens_empty)
 CONTRACTS: tuple[Contract, ...] = (
     *BASIC,
     counts_every_hit,

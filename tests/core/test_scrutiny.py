@@ -46,7 +46,7 @@ CHANGES = {
         lambda s, p: {"jacobians": p.jacobians[:, :5]},
         "raised ValueError: jacobians must have shape (32, 6, 6) for 32 postures of 6 joints, not (32, 5, 6)",
     ),
-    "nan": (lambda s, p: {"tips": p.tips * np.nan}, "values that are not finite"),
+    "nan": (lambda s, p: {"tips": p.tips * np.nan}, "tips that are not finite"),
 }
 
 

@@ -13,7 +13,7 @@ from eiwa.testing.subject import of_entry
 
 TABLES = {
     ("human", "ehem"): [{"samples": 1 << 16}],
-    ("voxels", "dense"): [{"aggregate": "max"}, {"aggregate": "mean"}],
+    **{("voxels", store): [{"aggregate": "max"}, {"aggregate": "mean"}] for store in ("auto", "dense", "sparse")},
 }
 """Parameters to try a built-in with, where its defaults and examples are not what should be tried; one list entry each."""
 

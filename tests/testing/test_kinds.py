@@ -96,7 +96,7 @@ MISTAKES = {
         "all entries": ("range(count)", "range(len(cells))", "reads_count_samples", "behind count"),
         "the last one": ("store[cells[s], 0] += 1\n", "store[cells[s], 0] = int(100 * values[s]) % 2\n",
                          "does_not_depend_on_the_order_of_deposits", "the last value kept"),
-        "hits not merged": ("into += other", "into[:, 0] += other[:, 0]", "does_not_depend_on_the_order_of_merging",
+        "hits not merged": ("into + other)", "into + other * [1, 0])", "does_not_depend_on_the_order_of_merging",
                             "merge forgets"),
         "a view": ("return np.asarray(store[:, 0] / np.maximum(store[:, 1], 1))",
                    "store[:, 2] = store[:, 0] / np.maximum(store[:, 1], 1); return store[:, 2]", "goes_on_after_reading",
