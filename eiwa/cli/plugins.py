@@ -152,6 +152,27 @@ def check(
         sys.exit(1)
 
 
+@app.command("new")
+def new(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help="arm, dexterity, human, voxels or metrics.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What studies will call it.")],
+    package: Annotated[bool, typer.Option("--package", help="A folder that pip installs, with tests.")] = False,
+    with_study: Annotated[bool, typer.Option("--with-study", help="Also a small study that uses it.")] = False,
+) -> None:
+    """Write a working plugin to begin from: one file, or a package; nothing is overwritten."""
+    from eiwa.cli.scaffold import new as write
+
+    written = write(kind, name, Path(), package=package, study=with_study)
+    console = out()
+    console.print(f"Wrote {', '.join(map(str, written))}.", markup=False)
+    console.print("Next:")
+    source = name if package else f"{name}.py"
+    steps = [*([f"pip install -e {name}"] if package else []), f"eiwa plugins check {source}"]
+    steps += [f"eiwa study run {written[-1]}"] if with_study else []
+    for step in steps:
+        console.print(f"  {step}", markup=False)
+
+
 def _registry(study: str | None) -> tuple[Registry, Tree]:
     """What a study file can name, and the file as written; without one, what any study can."""
     from eiwa.core import registry, spec
