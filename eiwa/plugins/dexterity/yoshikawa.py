@@ -21,7 +21,10 @@ _NAMED = {"all": ROWS, "translation": ROWS[:3], "rotation": ROWS[3:]}
 
 
 class YoshikawaParameters(Parameters):
-    """Manipulability sqrt det(J Jt), penalised near joint limits: Eq. (1)."""
+    """Manipulability sqrt det(J Jt), penalised near joint limits: Eq. (1).
+
+    Exactly one of ``K`` and ``K_scaled`` is given.
+    """
 
     K: float | None = quantity(
         None,
