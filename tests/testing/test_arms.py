@@ -39,6 +39,19 @@ def test_other_mistakes_are_explained(change, contract, words, tmp_path):
     assert words in results[contract].said
 
 
+def test_where_there_is_no_solution_anything_may_stand(tmp_path):
+    nothing = (
+        "bad = u[:, 0] > 0.7; valid = ~bad; q = q.copy(); q[bad], p[bad], J[bad], R = np.nan, np.nan, np.nan, R * 1.0"
+    )
+    assert failures(report(tmp_path, f"{nothing}; R[bad] = np.nan")) == []
+
+
+def test_a_jacobian_beside_a_singularity_of_the_map_passes(tmp_path):
+    """A linkage's tip moves as the root of the distance to a dead point: differences are rough there, and J is right."""
+    rough = "s = np.sqrt(u[:, 0] + 2e-3); p = p + np.outer(s, [0, 0, 1]); J[:, 2, 0] += 0.5 / s / SPAN[0]"
+    assert failures(report(tmp_path, rough)) == []
+
+
 def test_after_a_basic_failure_the_rest_is_not_run(tmp_path):
     results = report(tmp_path, "J = J.swapaxes(1, 2)")
     assert [r.state for r in results.values()][3:] == ["not run"] * (len(results) - 3)
