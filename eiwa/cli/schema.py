@@ -15,6 +15,7 @@ def schema(
         str | None,
         typer.Option("--study", metavar="STUDY.toml", help="A study file, whose own plugin files count too."),
     ] = None,
+    part: Annotated[bool, typer.Option("--part", help="Of a file of tables that a design takes from.")] = False,
 ) -> None:
     """Print the JSON Schema of the study file with every plugin's parameters; editors complete and check by it."""
     from eiwa.core import registry, spec
@@ -23,4 +24,4 @@ def schema(
     known = registry.load() if study is None else spec.registry_of(spec.read(Path(study)), Path(study))
     for broken in known.broken:
         err().print(f"not in the schema: {broken.provider}: {broken.reason}", style="red", markup=False)
-    print_json(schemas.schema(known))
+    print_json(schemas.schema(known, part))

@@ -24,8 +24,8 @@ PATH = f"^({'|'.join(SECTIONS)})\\..+$"
 """A quoted path to a value of a design."""
 
 
-def schema(registry: Registry) -> Schema:
-    """The schema of studies that may name the registry's plugins."""
+def schema(registry: Registry, part: bool = False) -> Schema:
+    """The schema of studies that may name the registry's plugins, or of files of tables that a design takes ``from``."""
     definitions: Schema = {}
     tables = {section: _table(section, registry, definitions) for section in SECTIONS[:-1]}
     properties: Schema = {
@@ -48,6 +48,7 @@ def schema(registry: Registry) -> Schema:
         },
     }
     required = ["study", *(name for name, table in tables.items() if table.get("required"))]
+    required = [] if part else required
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "eiwa study"}
     return {**head, **_object(properties, required), "$defs": definitions}
 
@@ -108,14 +109,21 @@ def _goals(registry: Registry, definitions: Schema) -> Schema:
 
 
 def _design(registry: Registry, definitions: Schema) -> Schema:
-    """A named design."""
+    """A named design: paths with values, whole tables of plugins, a file to take tables from, what was published."""
     own = _own(sections.DesignSection, definitions)["properties"]
-    value = own["overrides"].get("additionalProperties", {})
-    number = {"type": "number"}
-    published = _object(dict.fromkeys(sorted(registry.numbers()), number), [])
-    return _paths(value, "") | {
-        "properties": {"published": published | {"description": own["published"]["description"]}}
+    value = own["overrides"]["additionalProperties"]
+    value = {"anyOf": [choice for choice in value["anyOf"] if choice.get("type") != "object"]}
+    published = _object({name: {"type": "number"} for name in sorted(registry.numbers())}, [])
+    properties = {
+        "from": {"type": "string", "description": "A TOML file, beside the study file, to take whole tables from."},
+        **{
+            section: {"$ref": f"#/properties/{section}"}
+            for section in SECTIONS
+            if section in KINDS and section != "metrics"
+        },
+        "published": published | {"description": own["published"]["description"]},
     }
+    return _paths(value, "") | {"properties": properties}
 
 
 def _parameters(plugin: Plugin, section: str, definitions: Schema) -> Schema:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -78,20 +79,21 @@ STUDY: Tree = {
     "voxels": {"kind": "dense", "size": 0.04},
     "sampling": {"samples": 16384, "replicates": 2},
 }
-CASES: dict[str, tuple[dict[str, Any], int]] = {
-    "a design within reach": ({}, 2),
-    "one replicate": ({}, 1),
-    "a design out of reach": ({"layout.offset": [0.0, 5.0, 0.1]}, 2),
-    "mirrored arms": ({"layout.second": "mirrored"}, 2),
-    "elites": ({"sampling.estimator": "elites", "sampling.tolerance": 0.5}, 1),
+CASES: dict[str, dict[str, Any]] = {
+    "a design within reach": {},
+    "one replicate": {},
+    "a design out of reach": {"layout.offset": [0.0, 5.0, 0.1]},
+    "elites": {"sampling.estimator": "elites", "sampling.tolerance": 0.5},
 }
-"""What a metric is asked about: values at paths of :data:`STUDY`, replicates."""
+"""What a metric is asked about: values at paths of :data:`STUDY`."""
 
 
 @cache
 def measured(case: str) -> Measurement:
     """The measurement of a case."""
-    overrides, replicates = CASES[case]
-    spec = check(replaced(STUDY, overrides), Path("contract.toml"))
-    ((_, measurement),) = measurements(spec, {}, replicates=replicates)
+    if case == "one replicate":
+        usual = measured("a design within reach")
+        return replace(usual, replicates=usual.replicates[:1])
+    spec = check(replaced(STUDY, CASES[case]), Path("contract.toml"))
+    ((_, measurement),) = measurements(spec, {}, replicates=2)
     return measurement

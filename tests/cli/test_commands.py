@@ -27,7 +27,7 @@ COMMANDS = {
     ("plugins", "show"): ["NAME", "--kind", "--study", "--json"],
     ("plugins", "check"): ["FILE|NAME", "--kind", "--name", "--study", "--set", "--json"],
     ("plugins", "new"): ["KIND", "NAME", "--package", "--with-study"],
-    ("schema",): ["--study"],
+    ("schema",): ["--study", "--part"],
 }
 
 
@@ -559,6 +559,11 @@ def test_schema_with_a_studys_plugins(cli, tmp_path, monkeypatch):
     path = small.broken_arm(tmp_path).name
     assert "arm-broken" in answer(cli("schema", "--study", path))["$defs"]
     assert "arm-broken" not in answer(cli("schema"))["$defs"]
+
+
+def test_schema_of_a_part(cli):
+    assert "study" in answer(cli("schema"))["required"]
+    assert answer(cli("schema", "--part"))["required"] == []
 
 
 def test_schema_of_a_file_that_is_not_there(cli):

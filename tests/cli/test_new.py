@@ -49,14 +49,14 @@ def test_names_are_put_in(kind, cli, here):
     assert "mydevice" not in text.lower()
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_new_plugin_is_formatted(kind, cli, here):
+def test_new_plugins_are_formatted(cli, here):
     """By the same rules as eiwa itself, but for the order of imports, in which eiwa is first-party here only."""
     pytest.importorskip("ruff")
-    cli("plugins", "new", kind, "my_own")
+    for kind in KINDS:
+        cli("plugins", "new", kind, f"my_{kind}")
     pyproject = os.path.join(os.path.dirname(__file__), "..", "..", "pyproject.toml")
     for command in ("check --ignore I001", "format --check"):
-        arguments = [sys.executable, "-m", "ruff", *command.split(), "--no-cache", "--config", pyproject, "my_own.py"]
+        arguments = [sys.executable, "-m", "ruff", *command.split(), "--no-cache", "--config", pyproject, "."]
         done = subprocess.run(arguments, capture_output=True, text=True)
         assert done.returncode == 0, done.stdout + done.stderr
 
@@ -110,8 +110,6 @@ def test_a_package_is_found_when_it_is_installed_and_passes_its_own_tests(cli, h
         arguments = [sys.executable, "-m", *command]
         return subprocess.run(arguments, cwd=here / "big_red", env=environment, capture_output=True, text=True)
 
-    listed = run("eiwa", "plugins", "show", "big_red").stdout
-    assert "arm big_red, from big_red (big_red.plugin) 0.1.0" in listed
     tested = run("pytest", "-q", "-p", "no:cacheprovider")
     assert tested.returncode == 0, tested.stdout
     assert "passed" in tested.stdout

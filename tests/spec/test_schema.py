@@ -37,7 +37,7 @@ def test_it_is_a_schema(installed):
 @pytest.mark.parametrize("path", STUDIES, ids=lambda path: path.name)
 def test_studies_of_the_repository(path):
     tree = spec.read(path)
-    assert problems(tree, schema(spec.registry_of(tree, path))) == []
+    assert problems(tree, schema(spec.registry_of(tree, path), part="study" not in tree)) == []
 
 
 @pytest.mark.parametrize(
@@ -48,6 +48,7 @@ def test_studies_of_the_repository(path):
         "[assumptions]\n'layout.spacing' = 'D'\n",
         "[operator]\narmrest = 0.1\n",
         "[designs.wide]\n'layout.offset' = [0.0, 0.7, 0.1]\n'layout.second' = 'mirrored'\n",
+        "[designs.other]\nfrom = 'devices/panda.toml'\n[designs.other.dexterity]\nkind = 'yoshikawa'\nK = 5\n",
     ],
 )
 def test_a_study_with_more_tables(extra, installed):
@@ -82,6 +83,9 @@ MISTAKES = {
     "an unknown metric": ({'metric = "F"': 'metric = "f"'}, "", "objectives.0.metric: "),
     "an unknown table of a metric": ({}, "[metrics.G]\n", "metrics: "),
     "an unknown published number": ({"{ F = 0.2732 }": "{ G = 0.2732 }"}, "", "designs.optimum.published: "),
+    "an unknown key of a design's table": ({}, "[designs.a.dexterity]\nkind = 'yoshikawa'\nk = 5\n", "designs.a.dexterity: "),
+    "a design's table without its kind": ({}, "[designs.a.arm]\nconvention = 'modified'\n", "designs.a.arm: 'kind'"),
+    "a design's path without quotes": ({}, "[designs.a]\nlayout.spacing = 0.3\n", "designs.a: "),
     "a range without an end": ({"high = 0.44 }": "hihg = 0.44 }"}, "", "variables.reach: "),
     "a path without quotes": ({'"layout.spacing" = { low': "layout.spacing = { low"}, "", "search: "),
     "a path to nowhere": ({'"layout.spacing" = { low': '"lay_out.spacing" = { low'}, "", "search: "),
