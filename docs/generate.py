@@ -4,11 +4,16 @@
 import inspect
 import json
 import os
+import re
 import shutil
 from pathlib import Path
 
+from eiwa import testing
 from eiwa.core import hookspecs, sections
+from eiwa.core.description import tables, toml
+from eiwa.core.errors import EiwaError
 from eiwa.core.registry import KINDS, load
+from eiwa.testing.subject import of_entry
 
 EXAMPLE = Path(__file__).parent.parent / "studies" / "paper.toml"
 RESULTS = Path(__file__).parent.parent / "benchmarks" / "results"
@@ -26,23 +31,33 @@ SECTIONS = {
 
 
 def write(docs):
-    """One Markdown file per table; a file that would not change is left alone, so that Sphinx need not read it again."""
-    for folder, pages in (("reference", reference()), ("explanation", measured())):
-        generated = docs / folder / "_generated"
-        generated.mkdir(parents=True, exist_ok=True)
-        for name, text in pages.items():
-            path = generated / f"{name}.md"
-            if not path.exists() or path.read_text() != text:
-                path.write_text(text)
+    """One Markdown file per table, and one page per built-in."""
+    built_ins = {f"{e.kind}-{e.plugin.name}": page(e) for kind in KINDS for e in built_in(kind)}
+    put(docs / "reference" / "_generated", reference())
+    put(docs / "reference" / "built-in", built_ins)
+    put(docs / "explanation" / "_generated", measured())
     for picture in RESULTS.glob("*.png"):
         shutil.copy2(picture, docs / "explanation" / "_generated")
 
 
+def put(folder, pages):
+    """Write pages by name; a file that would not change is left alone, so that Sphinx need not read it again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in folder.glob("*.md"):
+        if path.stem not in pages:
+            path.unlink()
+    for name, text in pages.items():
+        path = folder / f"{name}.md"
+        if not path.exists() or path.read_text() != text:
+            path.write_text(text)
+
+
 def reference():
     """Tables of keys, plugins, numbers and commands."""
-    pages = {name: table(model.model_json_schema()) for name, model in SECTIONS.items()}
+    pages = {name: table(tables(model)[0].keys) for name, model in SECTIONS.items()}
     for kind in KINDS:
-        pages[f"plugins-{kind}"] = "\n".join(described(entry.plugin, kind) for entry in built_in(kind))
+        pages[f"built-in-{kind}"] = index(kind)
+        pages[f"contracts-{kind}"] = contracts(kind)
     pages["numbers"] = numbers()
     pages["commands"] = "\n".join(help_page(name) for name in listed())
     return pages
@@ -81,12 +96,17 @@ def texts(columns, rows):
 
 
 def missing(folder):
-    """What the hand-written pages do not mention: hooks with their signature, columns of the store."""
-    pages = {page: (folder / page).read_text() for page in ("plugins.md", "store.md")}
+    """What the hand-written pages do not mention: hooks with their signature and an example, columns of the store."""
     wanted = [("store.md", f"`{name}`") for name in columns()]
-    for hook in KINDS.values():
-        result = inspect.signature(getattr(hookspecs, hook)).return_annotation
-        wanted += [("plugins.md", f"### `{hook}`"), ("plugins.md", f"def {hook}() -> {result}")]
+    for kind, hook in KINDS.items():
+        result, page = inspect.signature(getattr(hookspecs, hook)).return_annotation, f"plugins/{kind}.md"
+        wanted += [
+            (page, f"def {hook}() -> {result}"),
+            (page, "{literalinclude} ../../examples/"),
+            ("plugins.md", page),
+        ]
+        wanted += [(page, f"_generated/contracts-{kind}.md"), (page, f"_generated/built-in-{kind}.md")]
+    pages = {page: (folder / page).read_text() if (folder / page).exists() else "" for page, _ in wanted}
     return [f"docs/reference/{page} does not mention {word}" for page, word in wanted if word not in pages[page]]
 
 
@@ -133,70 +153,95 @@ def built_in(kind):
     return [entry for entry in load().of_kind(kind) if entry.provider.startswith("eiwa.")]
 
 
-def described(plugin, kind):
-    """A plugin's heading, docstring and parameters."""
-    level = "###" if kind == "metrics" else "####"
-    schema = plugin.parameters.model_json_schema()
-    text = schema.get("description", "").replace("``", "`").replace("\n", "\n\n")
-    parts = [f"{level} `{plugin.name}`", "", literal(text), ""]
+def index(kind):
+    """The built-ins of a kind, each with its page."""
+    lines = ["| name | what it is |", "|---|---|"]
+    for e in built_in(kind):
+        lines.append(
+            f"| [`{e.plugin.name}`](/reference/built-in/{kind}-{e.plugin.name}.md) | {literal(e.plugin.summary)} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def page(entry):
+    """A built-in's docstring, parameters, numbers, and a table to begin with."""
+    plugin, kind = entry.plugin, entry.kind
+    whole, *inner = tables(plugin.parameters)
+    where = f"metrics.{plugin.name}" if kind == "metrics" else kind
+    parts = [f"# {plugin.name} ({kind})", "", text_of(whole).replace("\n", "\n\n"), ""]
+    parts += [
+        f"Table `[{where}]`, from `{entry.provider}`; see [its kind](../plugins/{kind}.md).",
+        "",
+        "## Parameters",
+        "",
+    ]
+    parts += [table(whole.keys) if whole.keys else "None.", ""]
+    for part in inner:
+        parts += [f"Each {part.name}: {text_of(part)}", "", table(part.keys)]
     if plugin.numbers:
-        parts += ["Yields " + ", ".join(f"`{n.name}`" for n in plugin.numbers) + ".", ""]
-    if schema.get("properties"):
-        parts += [table(schema)]
-    for name, part in schema.get("$defs", {}).items():
-        parts += [f"Each {name}: {literal(part['description'].replace('``', '`'))}", "", table(part)]
+        parts += ["## Numbers", "", numbers_of([plugin])]
+    if begun := beginning(entry):
+        parts += ["## A table to begin with", "", "```toml", f"[{where}]", *begun, "```", ""]
     return "\n".join(parts)
+
+
+def beginning(entry):
+    """Lines of a valid table: required keys and examples; none where a file is needed."""
+    try:
+        given = of_entry(entry, {}).parameters.model_dump(mode="json", exclude_unset=True)
+    except EiwaError:
+        return []
+    kind = [] if entry.kind == "metrics" else [f'kind = "{entry.plugin.name}"']
+    return kind + [line for key, value in given.items() for line in lines_of(key, value)]
+
+
+def lines_of(key, value):
+    """A key as TOML writes it; a list of tables with one table a line."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        return [f"{key} = [", *(f"  {toml(item)}," for item in value), "]"]
+    return [f"{key} = {toml(value)}"]
+
+
+def contracts(kind):
+    """What eiwa.testing asks of a kind."""
+    lines = ["| contract | what is asked |", "|---|---|"]
+    for contract in testing.contracts(kind):
+        promise = contract.__doc__.split("\n")[0]
+        lines.append(f"| {testing.name_of(contract)} | {literal(promise)} |")
+    return "\n".join(lines) + "\n"
+
+
+def text_of(described):
+    """A model's docstring."""
+    return literal(described.text.replace("``", "`"))
 
 
 def numbers():
     """Every number that a metric yields."""
+    return numbers_of([entry.plugin for entry in built_in("metrics")])
+
+
+def numbers_of(plugins):
+    """The numbers of some metrics."""
     lines = ["| number | metric | unit | what | bounds |", "|---|---|---|---|---|"]
-    for plugin in (entry.plugin for entry in built_in("metrics")):
+    for plugin in plugins:
         for n in plugin.numbers:
             bounds = f"{n.low:g} to {n.high:g}".replace("-inf to inf", "").replace("to inf", "or more")
             lines.append(f"| `{n.name}` | `{plugin.name}` | {n.unit or '1'} | {literal(n.description)} | {bounds} |")
     return "\n".join(lines) + "\n"
 
 
-def table(schema):
-    """Keys of a model's JSON schema as a Markdown table; the source column only where a key names one."""
-    keys = schema["properties"]
-    sourced = any("source" in key for key in keys.values())
+def table(keys):
+    """Keys of a model as a Markdown table; the source column only where a key names one."""
+    sourced = any(key.source for key in keys)
     head = ["key", "type", "default", "unit", "what", *(["source of the default"] if sourced else [])]
     lines = [f"| {' | '.join(head)} |", "|" + "---|" * len(head)]
-    for name, key in keys.items():
-        default = "required" if name in schema.get("required", []) else value(key.get("default"))
-        cells = [f"`{name}`", allowed(key), default, key.get("unit", ""), literal(key.get("description", ""))]
-        lines.append(f"| {' | '.join([*cells, *([literal(key.get('source', ''))] if sourced else [])])} |")
+    for key in keys:
+        default = key.default if key.required or key.default == "none" else f"`{key.default}`"
+        kind = re.sub(r'("[^"]*"|\^\S+)', r"`\1`", key.type)
+        cells = [f"`{key.name}`", kind, default, key.unit, literal(key.what)]
+        lines.append(f"| {' | '.join([*cells, *([literal(key.source)] if sourced else [])])} |")
     return "\n".join(lines) + "\n"
-
-
-def allowed(key):
-    """Type and bounds of one key."""
-    if "anyOf" in key:
-        return " or ".join(allowed(part) for part in key["anyOf"] if part.get("type") != "null")
-    if "enum" in key or "const" in key:
-        return ", ".join(f'`"{v}"`' for v in key.get("enum", [key.get("const")]))
-    if "$ref" in key:
-        return key["$ref"].split("/")[-1]
-    if key["type"] == "object":
-        return f"table of name = {allowed(key['additionalProperties'])}"
-    if key["type"] == "array":
-        size = f"{key['minItems']} " if key.get("minItems") == key.get("maxItems", -1) else ""
-        item = allowed(key["items"])
-        return f"list of {size}{item + 's' if item.isalpha() else item}"
-    if "pattern" in key:
-        return f"string matching `{key['pattern']}`"
-    signs = (("minimum", "≥"), ("exclusiveMinimum", ">"), ("maximum", "≤"), ("exclusiveMaximum", "<"))
-    bounds = ", ".join(f"{sign} {key[bound]}" for bound, sign in signs if bound in key)
-    return f"{key['type']} {bounds}".strip()
-
-
-def value(default):
-    """A default as TOML writes it."""
-    if default is None:
-        return "none"
-    return f"`{str(default).lower() if isinstance(default, bool) else repr(default)}`".replace("'", '"')
 
 
 def literal(text):

@@ -11,7 +11,9 @@ from eiwa.core.interfaces import Arm, Array, Postures
 class GantryParameters(Parameters):
     """Three slides along x, y and z, centred on the base frame."""
 
-    travel: list[float] = quantity(unit="m", min_length=3, max_length=3, description="Travel along x, y and z.")
+    travel: list[float] = quantity(
+        unit="m", min_length=3, max_length=3, description="Travel along x, y and z.", examples=[[0.3, 0.2, 0.2]]
+    )
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import sys
 
 import typer
 
-from eiwa.cli import bench, converge, evaluate, plugins, study
+from eiwa.cli import bench, converge, evaluate, plugins, schema, study
 
 app = typer.Typer(
     name="eiwa",
@@ -24,6 +24,7 @@ app.command("evaluate")(evaluate.evaluate)
 app.command("converge")(converge.converge)
 app.command("verify")(converge.verify)
 app.command("bench")(bench.bench)
+app.command("schema")(schema.schema)
 
 
 @app.callback(invoke_without_command=True)

@@ -104,13 +104,16 @@ def _human(plugin: Plugin, parameters: Parameters) -> tuple[str, HumanModel]:
     return key, _humans[key]
 
 
-_OWN: dict[str, type[Parameters]] = {
+OWN: dict[str, type[Parameters]] = {
     "layout": LayoutSection,
     "operator": OperatorSection,
     "dexterity": DexteritySection,
     "voxels": VoxelsSection,
     "sampling": SamplingSection,
 }
+"""eiwa's own keys of a table; the others belong to the plugin that its ``kind`` names."""
+DEFAULT_KINDS = {"voxels": "auto"}
+"""``kind`` of a table that does not say."""
 
 
 def design(tree: Tree, registry: Registry, needed: frozenset[str] = frozenset()) -> Design:
@@ -159,9 +162,9 @@ def _section(
     table = tree.get(section, {})
     if not isinstance(table, dict):
         raise SpecError(finding(section, f"must be a table: write [{section}].", value=table))
-    own = _OWN.get(section)
-    if section == "voxels":
-        table = {"kind": "auto", **table}
+    own = OWN.get(section)
+    if section in DEFAULT_KINDS:
+        table = {"kind": DEFAULT_KINDS[section], **table}
     if section not in _PLUGGED:
         assert own is not None
         tables[section] = validated(own, table, section)

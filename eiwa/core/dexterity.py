@@ -15,6 +15,7 @@ from eiwa.core.errors import PluginError, SingularArm, SpecError, blaming, findi
 from eiwa.core.interfaces import NOTHING, Arm, Array, DexterityIndex, TracedArm, TracedIndex, where_valid
 from eiwa.core.kernel import Map
 from eiwa.core.optimum import maximum, pilot_points
+from eiwa.core.scrutiny import raw_values, refuse_changing_answers, refuse_wrong_jacobian
 from eiwa.core.symbols import Column
 from eiwa.core.symbols import maximum as maximum_of
 
@@ -30,6 +31,11 @@ class Dexterity:
     threshold: float
     valid_share: float = 1.0
     """Share of the pilot's postures that are valid."""
+
+    @property
+    def traced(self) -> bool:
+        """Whether arm and index are compiled into one kernel."""
+        return Family((self,)).traced
 
     def raw(self, u: Array) -> tuple[Array, Array]:
         """Tips (n, 3) [m] and the index before normalisation (n,), -1 where there is no solution."""
@@ -57,7 +63,8 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     SpecError
         No posture of the pilot is valid.
     PluginError
-        The arm or the index answers with values that are not finite.
+        The arm or the index answers with values that are not finite, that have a wrong shape, that contradict its
+        Jacobian, or that change when they are asked for again.
     """
     u = pilot_points(arm.dof)
     needs_postures = type(index).prepare is not DexterityIndex.prepare
@@ -73,6 +80,9 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     _refuse_invalid(valid, len(u))
     _refuse_not_finite(arm, "tips", tips, u, valid)
     _refuse_not_finite(index, "values", raw, u, valid)
+    refuse_wrong_jacobian(arm, u)
+    if not unit.traced:
+        refuse_changing_answers(arm, index, prepared, u, tips, raw)
     size = max(float(np.abs(tips[valid]).max()), 1e-3)
     if raw.max() <= 1e-12 * size**3:
         zero = f"dexterity: the index is zero at every posture (at most {raw.max():.1g}). Check its parameters."
@@ -138,8 +148,7 @@ class Family:
         _refuse_not_finite(self.arm, "Jacobians", postures.jacobians, u, valid)
         raws = np.empty((len(u), len(self.members)))
         for member, raw in zip(self.members, raws.T, strict=True):
-            with blaming(member.index):
-                np.maximum(member.index.values(postures, member.prepared), 0.0, out=raw)
+            np.maximum(raw_values(member.index, postures, member.prepared), 0.0, out=raw)
             _refuse_not_finite(member.index, "values", raw, u, valid)
         if not valid.all():
             tips, raws = np.where(valid[:, None], tips, 0.0), np.where(valid[:, None], raws, -1.0)
@@ -157,11 +166,14 @@ class Family:
 
         def function(u: Sequence[Column], p: Sequence[Column]) -> list[Column]:
             own = len(arm.constants)
-            columns = arm.columns(u, p[:own])
-            values = [
-                index.columns(columns, p[own + k * each : own + (k + 1) * each]) for k in range(len(self.members))
-            ]
-            return [*columns.tip, *(where_valid(columns.valid, maximum_of(value, 0.0), -1.0) for value in values)]
+            with blaming(arm):
+                columns = arm.columns(u, p[:own])
+            with blaming(index):
+                values = [
+                    maximum_of(index.columns(columns, p[own + k * each : own + (k + 1) * each]), 0.0)
+                    for k in range(len(self.members))
+                ]
+            return [*columns.tip, *(where_valid(columns.valid, value, -1.0) for value in values)]
 
         _kernels[key] = Map(function, arm.dof, len(self.constants), dtype, flow, components)
         return _kernels[key]

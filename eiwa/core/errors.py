@@ -12,9 +12,11 @@
 from __future__ import annotations
 
 import sys
+import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 class EiwaError(Exception):
@@ -56,16 +58,28 @@ def blaming(part: object) -> Iterator[None]:
         raise
     # A plugin may raise anything; its user needs to know which one it was.
     except Exception as error:
-        raise PluginError(f"{name_of(part)} raised {type(error).__name__}: {error}") from error
+        file = getattr(sys.modules.get(_kind(part).__module__), "__file__", None)
+        raised = f"{type(error).__name__}: {error}{line_in(file, error)}"
+        raise PluginError(f"{name_of(part)} raised {raised}") from error
 
 
 def name_of(part: object) -> str:
     """A function's or an object's class, and the file or module it comes from."""
-    kind = part if hasattr(part, "__qualname__") else type(part)
+    kind = _kind(part)
     module = sys.modules.get(kind.__module__)
     local = kind.__module__.startswith("eiwa_local_") and module is not None
     where = Path(str(module.__file__)).name if local and module is not None else kind.__module__
     return f"{getattr(kind, '__qualname__', kind)} ({where})"
+
+
+def _kind(part: object) -> Any:
+    return part if hasattr(part, "__qualname__") else type(part)
+
+
+def line_in(file: str | None, error: BaseException) -> str:
+    """' (line 12)': the innermost line of a file on the way to an error; empty where it is on none."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return f" (line {lines[-1]})" if lines else ""
 
 
 _NOTHING = object()

@@ -34,6 +34,11 @@ class Postures:
     ``u`` (n, dof) in [0, 1]; ``q`` (n, dof) [rad or m]; ``tips`` (n, 3) [m]; ``rotations`` (n, 3, 3);
     ``jacobians`` (n, 6, dof), geometric, at the tip: linear rows [m/rad] above angular rows; ``valid`` (n,) bool:
     False where the joint vector has no solution; ``limited`` (dof): the joints whose limits may be penalised.
+
+    Raises
+    ------
+    ValueError
+        An array has another shape.
     """
 
     u: Array
@@ -50,6 +55,13 @@ class Postures:
         v = self.valid
         u, q, tips, rotations, jacobians = self.u[v], self.q[v], self.tips[v], self.rotations[v], self.jacobians[v]
         return Postures(u, q, tips, rotations, jacobians, v[v], self.limited)
+
+    def __post_init__(self) -> None:
+        n, dof = np.shape(self.u)
+        shapes = {"q": (n, dof), "tips": (n, 3), "rotations": (n, 3, 3), "jacobians": (n, 6, dof), "valid": (n,)}
+        for name, wanted in {**shapes, "limited": (dof,)}.items():
+            if (seen := np.shape(getattr(self, name))) != wanted:
+                raise ValueError(f"{name} must have shape {wanted} for {n} postures of {dof} joints, not {seen}")
 
 
 @dataclass(frozen=True)
@@ -68,6 +80,23 @@ class ArmColumns:
     limited: tuple[bool, ...]
     valid: Column = True
     reduced: Sequence[Sequence[Column]] | None = None
+
+    def postures(self) -> Postures:
+        """Postures, from columns that are arrays (or numbers, where a column is the same for every sample)."""
+        u = np.stack(self.u, axis=1)
+
+        def stacked(columns: Sequence[Column]) -> Array:
+            return np.stack([np.broadcast_to(np.asarray(c, float), len(u)) for c in columns], axis=1)
+
+        return Postures(
+            u=u,
+            q=stacked(self.q),
+            tips=stacked(self.tip),
+            rotations=np.stack([stacked(row) for row in self.rotation], axis=1),
+            jacobians=np.stack([stacked(row) for row in self.jacobian], axis=1),
+            valid=np.broadcast_to(np.asarray(self.valid, bool), len(u)),
+            limited=self.limited,
+        )
 
 
 class Arm(ABC):

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.errors import SpecError, blaming, finding
+from eiwa.core.errors import PluginError, SpecError, blaming, finding, name_of
 from eiwa.core.evaluation import Measurement, Setup, ergonomic_grid, field_stream, measure, metrics
-from eiwa.core.interfaces import ErgonomicField
+from eiwa.core.interfaces import ErgonomicField, HumanModel
 from eiwa.core.memory import require_memory
 from eiwa.core.sections import ObjectiveSection
 from eiwa.core.spec import REFERENCE, Scenario, StudySpec
@@ -52,7 +52,7 @@ def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1,
         The overrides do not make a valid design, or an objective has no value there.
     """
     measured = {s.label: m for s, m in measurements(spec, overrides, spec.scenarios, replicates)}
-    scenarios = {label: metrics(m) for label, m in measured.items()}
+    scenarios = {label: declared(spec, metrics(m), m.setup) for label, m in measured.items()}
     reference = scenarios[REFERENCE.label]
     violations = []
     for constraint in spec.constraints:
@@ -135,10 +135,39 @@ def _number(numbers: Numbers, name: str, table: str) -> float:
     return value
 
 
+def declared(spec: StudySpec, numbers: Numbers, setup: Setup) -> Numbers:
+    """The numbers of a setup's metrics, when they are what the metrics' records declare.
+
+    Raises
+    ------
+    PluginError
+        A number is missing, undeclared, not finite, or outside its declared bounds.
+    """
+    records = [spec.registry.find("metrics", name, f"metrics.{name}") for name in setup.metrics]
+    known = {number.name: (record.name, number) for record in records for number in record.numbers}
+    problems = [
+        f"metric {m} did not return {name!r}, which it declares"
+        for name, (m, _) in known.items()
+        if name not in numbers
+    ]
+    problems += [f"a metric returned {name!r}, which none declares" for name in numbers if name not in known]
+    if problems:
+        raise PluginError("; ".join(problems))
+    for name, (metric, number) in known.items():
+        value = numbers[name]
+        if value is not None and not number.low - 1e-9 <= value <= number.high + 1e-9:
+            allowed = f"between {number.low:g} and {number.high:g}, or None where it does not apply"
+            raise PluginError(f"metric {metric} returned {name} = {value}: it declares a number {allowed}")
+    return numbers
+
+
 def bounds(setup: Setup) -> NDArray[np.float64]:
     """The box in W that holds E > 0 of a setup's operator."""
     with blaming(setup.human):
-        return setup.human.bounds(setup.operator)
+        box = np.asarray(setup.human.bounds(setup.operator))
+    if box.shape != (2, 3) or not np.isfinite(box).all() or (box[0] > box[1]).any():
+        raise PluginError(f"{name_of(setup.human)}: bounds must be [[low x, y, z], [high x, y, z]], not {box.tolist()}")
+    return box
 
 
 _fields: dict[Any, ErgonomicField] = {}
@@ -153,5 +182,18 @@ def ergonomic_field(setup: Setup, grid: Grid, replicate: int) -> ErgonomicField:
         if len(_fields) >= KEPT_FIELDS:
             del _fields[next(iter(_fields))]
         with blaming(setup.human):
-            _fields[key] = setup.human.field(grid, setup.operator, stream)
+            field = setup.human.field(grid, setup.operator, stream)
+        _refuse_field(setup.human, field, grid)
+        _fields[key] = field
     return _fields[key]
+
+
+def _refuse_field(human: HumanModel, field: ErgonomicField, grid: Grid) -> None:
+    for hand, E in (("right", field.right), ("left", field.left)):
+        if np.shape(E) != grid.shape:
+            raise PluginError(
+                f"{name_of(human)}: E of the {hand} hand must have the grid's shape {grid.shape}, not {np.shape(E)}"
+            )
+        if not (np.min(E) >= 0 and np.max(E) <= 1):
+            seen = f"{np.min(E):g} to {np.max(E):g}"
+            raise PluginError(f"{name_of(human)}: E of the {hand} hand must lie in [0, 1], not {seen}")

@@ -71,6 +71,8 @@ class Registry:
     broken: list[Broken] = field(default_factory=list)
     digests: dict[str, str] = field(default_factory=dict)
     """Local files -> hash of their bytes."""
+    files: dict[Path, str] = field(default_factory=dict)
+    """Where local files lie -> the name that the study gives them."""
     folder: Path = Path()
     """Where files that parameters name are looked for: the study file's folder."""
 
@@ -162,6 +164,7 @@ class Registry:
         digest = hashlib.sha256(content).hexdigest()[:16]
         module = _import_file(path, f"eiwa_local_{path.stem}_{digest}")
         self.digests[name] = digest
+        self.files[path.resolve()] = name
         self.add(module, name, f"sha256:{digest}")
 
 

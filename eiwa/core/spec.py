@@ -150,15 +150,31 @@ def load(path: Path, settings: Mapping[str, Any] | None = None) -> StudySpec:
     SpecError
         The file cannot be read or says something that cannot be.
     """
+    tree = read(path)
+    if settings:
+        tree = replaced(tree, settings, _defaults(tree, path))
+    return check(tree, path)
+
+
+def read(path: Path) -> Tree:
+    """A study file as it is written.
+
+    Raises
+    ------
+    SpecError
+        The file cannot be read, or is not TOML.
+    """
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SpecError(f"{path}: cannot be read: {error.strerror}. Give the path of a study file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SpecError(f"{path}: is not TOML: {error}.") from None
-    if settings:
-        tree = replaced(tree, settings, _defaults(tree, path))
-    return check(tree, path)
+
+
+def registry_of(tree: Tree, path: Path) -> Registry:
+    """The plugins that a study file can name, its own files among them."""
+    return plugins.load(_plugin_files(tree, path), path.parent)
 
 
 def _defaults(tree: Tree, path: Path) -> Tree:
@@ -174,7 +190,7 @@ def check(tree: Tree, path: Path) -> StudySpec:
     unknown = [finding(key, f"unknown table{did_you_mean(key, TABLES)}") for key in tree if key not in TABLES]
     if unknown:
         raise SpecError(*unknown)
-    registry = plugins.load(_plugin_files(tree, path), path.parent)
+    registry = registry_of(tree, path)
     findings: list[str] = []
     base: Design | None = None
     try:

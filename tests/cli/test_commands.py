@@ -12,7 +12,7 @@ from eiwa.study.store import Store
 from tests.study import small
 
 COMMANDS = {
-    (): ["study", "evaluate", "converge", "verify", "bench", "plugins", "--version"],
+    (): ["study", "evaluate", "converge", "verify", "bench", "plugins", "schema", "--version"],
     ("study",): ["run", "check", "show", "compare"],
     ("study", "run"): ["STUDY.toml", "--fresh", "--runs", "--set", "--json"],
     ("study", "check"): ["STUDY.toml", "--set", "--json"],
@@ -22,8 +22,12 @@ COMMANDS = {
     ("verify",): ["--json"],
     ("bench",): ["compare|share|scaling", "--seconds", "--quick", "--out", "--json"],
     ("evaluate",): ["STUDY.toml", "--design", "--set", "--replicates", "--figure", "--json"],
-    ("plugins",): ["list"],
-    ("plugins", "list"): ["--json"],
+    ("plugins",): ["list", "show", "check", "new"],
+    ("plugins", "list"): ["--study", "--json"],
+    ("plugins", "show"): ["NAME", "--kind", "--study", "--json"],
+    ("plugins", "check"): ["FILE|NAME", "--kind", "--name", "--study", "--set", "--json"],
+    ("plugins", "new"): ["KIND", "NAME", "--package", "--with-study"],
+    ("schema",): ["--study", "--part"],
 }
 
 
@@ -539,3 +543,30 @@ def test_a_broken_plugin_is_listed(cli, monkeypatch):
 
 def test_the_dashboard_is_named_with_how_to_get_it(ran):
     assert ("pip install optuna-dashboard" in ran.out) is (find_spec("optuna_dashboard") is None)
+
+
+# schema
+
+
+def test_schema(cli, path):
+    found = answer(cli("schema"))
+    assert found["$schema"].endswith("2020-12/schema")
+    assert "arm-dh" in found["$defs"]
+
+
+def test_schema_with_a_studys_plugins(cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = small.broken_arm(tmp_path).name
+    assert "arm-broken" in answer(cli("schema", "--study", path))["$defs"]
+    assert "arm-broken" not in answer(cli("schema"))["$defs"]
+
+
+def test_schema_of_a_part(cli):
+    assert "study" in answer(cli("schema"))["required"]
+    assert answer(cli("schema", "--part"))["required"] == []
+
+
+def test_schema_of_a_file_that_is_not_there(cli):
+    said = cli("schema", "--study", "nowhere.toml")
+    assert (said.code, said.out) == (2, "")
+    assert "nowhere.toml: cannot be read" in said.err

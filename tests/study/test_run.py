@@ -311,7 +311,7 @@ def test_a_raising_plugin_makes_failed_rows_with_its_message(failing):
     _, store, _ = failing
     for row in store.rows():
         assert row["state"] == "FAIL"
-        assert row["message"] == "Broken (broken_arm.py) raised RuntimeError: the elbow is stuck"
+        assert row["message"] == "Broken (broken_arm.py) raised RuntimeError: the elbow is stuck (line 13)"
         assert row["metrics.F"] is None
         assert row["parameters.arm.length"] is not None
 

@@ -39,16 +39,21 @@ class DeltaParameters(Parameters):
     of x. A crank at 0 points outwards, at 90 degrees along z.
     """
 
-    base_radius: float = quantity(gt=0, unit="m", description="From the base's axis to the axes of the cranks.")
-    platform_radius: float = quantity(gt=0, unit="m", description="From the platform's centre to its joints.")
-    upper: float = quantity(gt=0, unit="m", description="Length of the cranks.")
-    lower: float = quantity(gt=0, unit="m", description="Length of the lower arms.")
+    base_radius: float = quantity(
+        gt=0, unit="m", description="From the base's axis to the axes of the cranks.", examples=[0.040]
+    )
+    platform_radius: float = quantity(
+        gt=0, unit="m", description="From the platform's centre to its joints.", examples=[0.015]
+    )
+    upper: float = quantity(gt=0, unit="m", description="Length of the cranks.", examples=[0.060])
+    lower: float = quantity(gt=0, unit="m", description="Length of the lower arms.", examples=[0.125])
     angles: Angles = quantity("deg", description="Unit of the limits.")
-    limits: Range = quantity(unit="angles", description="Range [low, high] of every crank.")
+    limits: Range = quantity(unit="angles", description="Range [low, high] of every crank.", examples=[[-40, 90]])
     slope: Range = quantity(
         unit="angles",
         description="Range of the angle between the lower arms and the plane of their upper ends, one for all three; "
         "at 0 the platform gives way, and the index grows without bound.",
+        examples=[[20, 85]],
     )
     tool: Vector = quantity([0.0, 0.0, 0.0], unit="m", description="The tip from the platform's centre.")
 

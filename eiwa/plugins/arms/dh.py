@@ -16,6 +16,12 @@ from eiwa.core.transforms import frozen, rotation_x, rotation_z, translation
 Convention = Literal["standard", "modified"]
 
 
+TWISTS = {"waist": 0, "shoulder": 90, "upper": -90, "fore": 0, "pitch": -90, "roll": 90}
+LENGTHS = {"upper": 0.26, "fore": 0.18}
+EXAMPLE = [{"name": n, "alpha": alpha, "a": LENGTHS.get(n, 0), "limits": [-120, 120]} for n, alpha in TWISTS.items()]
+"""Table 1 of the paper with the lengths of its optimum."""
+
+
 class DhJoint(Parameters):
     """One row of the table; a fixed row has no limits and keeps ``theta`` and ``d``."""
 
@@ -54,8 +60,12 @@ class DhParameters(ChainParameters):
     ``standard``: T_{j-1,j} = Rz(theta_j) Tz(d_j) Tx(a_j) Rx(alpha_j).
     """
 
-    convention: Convention = quantity(description="How the rows are read: 'standard' or 'modified' (Craig).")
-    joints: Annotated[list[DhJoint], Field(min_length=1)] = quantity(description="The rows, from the base.")
+    convention: Convention = quantity(
+        description="How the rows are read: 'standard' or 'modified' (Craig).", examples=["modified"]
+    )
+    joints: Annotated[list[DhJoint], Field(min_length=1)] = quantity(
+        description="The rows, from the base.", examples=[EXAMPLE]
+    )
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:

@@ -21,12 +21,16 @@ _NAMED = {"all": ROWS, "translation": ROWS[:3], "rotation": ROWS[3:]}
 
 
 class YoshikawaParameters(Parameters):
-    """Manipulability sqrt det(J Jt), penalised near joint limits: Eq. (1)."""
+    """Manipulability sqrt det(J Jt), penalised near joint limits: Eq. (1).
+
+    Exactly one of ``K`` and ``K_scaled`` is given.
+    """
 
     K: float | None = quantity(
         None,
         gt=0,
         description="Scaling factor of Eq. (1). 12270 gives a factor of 0.95 at mid-range of six joints.",
+        examples=[12270],
     )
     K_scaled: float | None = quantity(
         None,
