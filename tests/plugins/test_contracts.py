@@ -15,6 +15,7 @@ from eiwa.testing.subject import of_entry
 TABLES = {
     ("arm", "urdf"): [{"file": "studies/devices/touch.urdf"}],
     ("human", "ehem"): [{"samples": 1 << 16}],
+    ("human", "points"): [{"file": "tests/data/hands.csv"}],
     **{("voxels", store): [{"aggregate": "max"}, {"aggregate": "mean"}] for store in ("auto", "dense", "sparse")},
 }
 """Parameters to try a built-in with, where its defaults and examples are not what should be tried; one list entry each."""

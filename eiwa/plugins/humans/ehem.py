@@ -88,8 +88,10 @@ class EhemParameters(_Motions):
 class PersonParameters(_Motions):
     """The paper's operator with one person's lengths: sex and percentile of ANSUR II; the slides follow the upper arm."""
 
-    sex: Literal["female", "male"] = quantity(description="Whose lengths.")
-    percentile: float = quantity(ge=1, le=99, description="Of stature; with mode = 'each' of every length.")
+    sex: Literal["female", "male"] = quantity(description="Whose lengths.", examples=["female"])
+    percentile: float = quantity(
+        ge=1, le=99, description="Of stature; with mode = 'each' of every length.", examples=[50.0]
+    )
     mode: Literal["stature", "each", "random"] = quantity(
         "stature",
         source=f"regressions and deviations, {ANSUR}",
