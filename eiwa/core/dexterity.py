@@ -138,21 +138,28 @@ class Family:
 
     def evaluate(self, u: Array) -> tuple[Array, Array]:
         """Tips (n, 3) [m] and raw indices (n, m) at points of the unit cube; -1 where there is no solution."""
+        rows = self.rows(u)
+        return rows[:3].T, rows[3:].T
+
+    def rows(self, u: Array, dtype: Any = np.float64) -> Array:
+        """The same as rows: x, y, z and m raw indices, shape (3 + m, n)."""
         if self.traced:
-            out = self.kernel()(u, self.constants)
-            return out[:, :3], out[:, 3:]
+            return np.ascontiguousarray(self.kernel()(u, self.constants).T, dtype)
         with blaming(self.arm):
             postures = self.arm.postures(u)
-        tips, valid = postures.tips, postures.valid
-        _refuse_not_finite(self.arm, "tips", tips, u, valid)
-        _refuse_not_finite(self.arm, "Jacobians", postures.jacobians, u, valid)
-        raws = np.empty((len(u), len(self.members)))
-        for member, raw in zip(self.members, raws.T, strict=True):
-            np.maximum(raw_values(member.index, postures, member.prepared), 0.0, out=raw)
+        valid = postures.valid
+        rows = np.empty((3 + len(self.members), len(u)), dtype)
+        rows[:3] = postures.tips.T
+        _refuse_not_finite(self.arm, "tips", rows[:3].T, u, valid)
+        if not isinstance(self.arm, TracedArm):
+            _refuse_not_finite(self.arm, "Jacobians", postures.jacobians, u, valid)
+        for member, raw in zip(self.members, rows[3:], strict=True):
+            raw[:] = raw_values(member.index, postures, member.prepared)
             _refuse_not_finite(member.index, "values", raw, u, valid)
+            np.maximum(raw, 0.0, out=raw)
         if not valid.all():
-            tips, raws = np.where(valid[:, None], tips, 0.0), np.where(valid[:, None], raws, -1.0)
-        return tips, raws
+            rows[:3, ~valid], rows[3:, ~valid] = 0.0, -1.0
+        return rows
 
     def kernel(self, dtype: Any = np.float64, flow: str = "", components: Sequence[ModuleType] = ()) -> Map:
         """The compiled formulas: u (n, dof) -> tip, raw indices; with ``flow``, more source around the same block."""

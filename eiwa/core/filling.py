@@ -141,8 +141,7 @@ def array_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend,
     def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
         for start in range(first, last, ARRAY_BLOCK):
             stop = min(start + ARRAY_BLOCK, last)
-            tips, raw = family.evaluate(stream.points(start, stop - start, family.arm.dof))
-            rows = np.concatenate([tips, raw], axis=1).T.astype(dtype, order="C")
+            rows = family.rows(stream.points(start, stop - start, family.arm.dof), dtype)
             if record.size:
                 record[:, start:stop] = rows
             credit(rows, store)
