@@ -55,7 +55,7 @@ def list_(study: OfStudy = None, as_json: AsJson = False) -> None:
     table.add_column("what it is")
     table.add_column("from", style="dim")
     for e in entries:
-        table.add_row(e.kind, e.plugin.name, e.plugin.summary, _origin(e))
+        table.add_row(e.kind, e.plugin.name, unwrapped(e.plugin.summary), _origin(e))
     console = out()
     console.print(table)
     for b in registry.broken:
@@ -82,7 +82,8 @@ def show(
         console.print(f"{entry.kind} {entry.plugin.name}, from {_origin(entry)}", style="bold", markup=False)
         whole, *inner = tables(entry.plugin.parameters)
         for part in (whole, *inner):
-            console.print(part.text if part is whole else f"Each {part.name}: {part.text}", markup=False)
+            text = unwrapped(part.text if part is whole else f"Each {part.name}: {part.text}")
+            console.print(text, markup=False)
             if part.keys:
                 console.print(sheets.parameters(part.keys))
         if entry.plugin.numbers:
@@ -215,6 +216,12 @@ def _table(tree: Tree, entry: Entry, study: str) -> dict[str, Any]:
     return {
         k: v for k, v in table.items() if k != "kind" and (k not in own or k in entry.plugin.parameters.model_fields)
     }
+
+
+def unwrapped(text: str) -> str:
+    """A docstring for the screen: a line per paragraph, without its literals' marks."""
+    paragraphs = text.replace("``", "").split("\n\n")
+    return "\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs)
 
 
 def _origin(entry: Entry) -> str:
