@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli.console import AsJson, listen_to_log, out, print_json, settings
+from eiwa.cli.console import AsJson, err, listen_to_log, out, print_json, settings
 
 if TYPE_CHECKING:
     from eiwa.core.registry import Entry, Registry
@@ -130,7 +130,8 @@ def check(
         except SpecError as error:
             lacking = any("is required" in line for line in error.findings)
             raise SpecError(*error.findings, *([GIVE] if lacking else [])) from None
-    reports = [(entry, subject, testing.check(subject)) for entry, subject in zip(entries, subjects, strict=True)]
+    with err().status("Checking ..."):
+        reports = [(entry, subject, testing.check(subject)) for entry, subject in zip(entries, subjects, strict=True)]
     passed = all(result.state != "failed" for _, _, results in reports for result in results)
     if as_json:
         checked = [

@@ -14,7 +14,7 @@ from eiwa.testing.subject import of_entry
 
 TABLES = {
     ("arm", "urdf"): [{"file": "studies/devices/touch.urdf"}],
-    ("human", "ehem"): [{"samples": 1 << 16}],
+    **{("human", name): [{"samples": 1 << 16}] for name in ("ehem", "ehem_comfort", "ehem_percentile")},
     ("human", "points"): [{"file": "tests/data/hands.csv"}],
     **{("voxels", store): [{"aggregate": "max"}, {"aggregate": "mean"}] for store in ("auto", "dense", "sparse")},
 }
