@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,6 +34,7 @@ def run(
     """Evaluate the named designs, search, and show the best; an interrupted study is continued."""
     from eiwa.cli import tables
     from eiwa.cli.progress import StudyProgress
+    from eiwa.core.errors import EiwaError
     from eiwa.core.spec import load
     from eiwa.study.estimate import shortfall
     from eiwa.study.run import Run
@@ -44,8 +46,10 @@ def run(
     console = err()
     if fresh and (aside := store.set_aside()):
         console.print(f"Old results are kept in {aside}.", markup=False)
-    if not store.exists() and (short := shortfall(spec, coarse=FAR)):
-        console.print(tables.shortfall(short, spec), style="yellow", markup=False)
+    if not store.exists():
+        with suppress(EiwaError):  # the run itself tells what is wrong with a design
+            if short := shortfall(spec, coarse=FAR):
+                console.print(tables.shortfall(short, spec), style="yellow", markup=False)
     with resumable(), StudyProgress(spec, console) as progress:
         finished = Run(spec, store, progress).execute()
     if not finished:
