@@ -134,6 +134,8 @@ def allowed(key):
         return ", ".join(f'`"{v}"`' for v in key.get("enum", [key.get("const")]))
     if "$ref" in key:
         return key["$ref"].split("/")[-1]
+    if key["type"] == "object" and "additionalProperties" not in key:
+        return "table"
     if key["type"] == "object":
         return f"table of name = {allowed(key['additionalProperties'])}"
     if key["type"] == "array":
