@@ -61,6 +61,8 @@ def allowed(key: Schema) -> str:
         return ", ".join(toml(v) for v in key.get("enum", [key.get("const")]))
     if "$ref" in key:
         return str(key["$ref"].split("/")[-1])
+    if key.get("type") == "object" and "additionalProperties" not in key:
+        return "table"
     if key.get("type") == "object" and isinstance(key.get("additionalProperties"), Mapping):
         return f"table of name = {allowed(key['additionalProperties'])}"
     if key.get("type") == "array":

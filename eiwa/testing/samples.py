@@ -11,7 +11,7 @@ from eiwa.core.findings import validated
 from eiwa.core.interfaces import Array
 from eiwa.core.sampling import MAX_DIMENSIONS, Stream
 from eiwa.core.tree import leaves, replaced
-from eiwa.testing.subject import Subject
+from eiwa.testing.subject import Subject, context_in
 
 
 def points(dof: int, count: int) -> Array:
@@ -29,7 +29,7 @@ def variations(subject: Subject) -> Iterator[tuple[str, Any]]:
             for changed in _neighbours(entry):
                 try:
                     table = replaced(tree, {where: changed}, {})
-                    parameters = validated(type(subject.parameters), table, subject.kind, subject.folder)
+                    parameters = validated(type(subject.parameters), table, subject.kind, context_in(subject.folder))
                     yield where, subject.plugin.build(parameters)
                 except EiwaError:
                     continue  # a value that the model refuses is no neighbour

@@ -85,12 +85,17 @@ def subject(
 def of_entry(entry: Entry, parameters: Mapping[str, Any], folder: Path = Path()) -> Subject:
     """The subject of an entry; files that the parameters name are looked for in ``folder``."""
     path = f"metrics.{entry.plugin.name}" if entry.kind == "metrics" else entry.kind
-    model = entry.plugin.parameters
+    model, context = entry.plugin.parameters, context_in(folder)
     try:
-        valid = validated(model, dict(parameters), path, folder)
+        valid = validated(model, dict(parameters), path, context)
     except SpecError:
-        valid = validated(model, {**examples(model, besides=parameters), **parameters}, path, folder)
+        valid = validated(model, {**examples(model, besides=parameters), **parameters}, path, context)
     return Subject(entry.kind, entry.plugin, valid, folder)
+
+
+def context_in(folder: Path) -> dict[str, Any]:
+    """What parameters are validated with: files of a folder, plugins that are installed."""
+    return {**load().context, "folder": folder}
 
 
 def examples(model: type[Parameters], besides: Mapping[str, Any]) -> dict[str, Any]:
