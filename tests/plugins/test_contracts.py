@@ -20,7 +20,7 @@ TABLES = {
 }
 """Parameters to try a built-in with, where its defaults and examples are not what should be tried; one list entry each."""
 
-PREFERS_DIRECTIONS = set()
+PREFERS_DIRECTIONS = {"extended"}
 """Indices that may change when the base is turned."""
 
 FOLDER = Path(__file__).parents[2]
