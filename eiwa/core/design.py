@@ -183,7 +183,7 @@ def _section(
         if model is None:
             continue
         try:
-            parameters = validated(model, part, section, registry.folder)
+            parameters = validated(model, part, section, registry.context)
         except SpecError as error:
             problems.extend(error.findings)
             continue
@@ -205,6 +205,6 @@ def _metrics(tree: Tree, registry: Registry, needed: frozenset[str]) -> dict[str
     metrics = {}
     for name in names:
         plugin = registry.find("metrics", name, f"metrics.{name}")
-        parameters = validated(plugin.parameters, tables.get(name, {}), f"metrics.{name}", registry.folder)
+        parameters = validated(plugin.parameters, tables.get(name, {}), f"metrics.{name}", registry.context)
         metrics[name] = (plugin, parameters)
     return metrics

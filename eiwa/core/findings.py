@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.hookspecs import Parameters
+from eiwa.core.parts import WITHIN
 from eiwa.core.tree import did_you_mean
 
 M = TypeVar("M", bound=Parameters)
 
 
-def validated(model: type[M], table: Any, path: str, folder: Path = Path()) -> M:
-    """The table as its model; files that it names are looked for in ``folder``.
+def validated(model: type[M], table: Any, path: str, context: Mapping[str, Any] | None = None) -> M:
+    """The table as its model; ``context`` finds the files and plugins that it names (``Registry.context``).
 
     Raises
     ------
@@ -26,14 +26,19 @@ def validated(model: type[M], table: Any, path: str, folder: Path = Path()) -> M
     if not isinstance(table, dict):
         raise SpecError(finding(path, f"must be a table: write [{path.split('.')[0]}].", value=table))
     try:
-        return model.model_validate(table, context={"folder": folder})
+        return model.model_validate(table, context=context)
     except ValidationError as error:
         lines: dict[str, list[Any]] = {}
+        within: list[str] = []
         for item in error.errors(include_url=False):
             steps, missing = _steps(table, item["loc"])
             missing = missing and item["type"] == "missing"
-            lines.setdefault(".".join([path, *steps] if path else steps), []).append((item, missing))
-        raise SpecError(*(_line(where, items, model) for where, items in lines.items())) from None
+            where = ".".join([path, *steps] if path else steps)
+            if item["type"] == WITHIN:
+                within += [f"{where}.{line}" for line in item["ctx"]["findings"]]
+            else:
+                lines.setdefault(where, []).append((item, missing))
+        raise SpecError(*(_line(where, items, model) for where, items in lines.items()), *within) from None
 
 
 def _steps(table: Any, location: Sequence[Any]) -> tuple[list[str], bool]:

@@ -15,9 +15,20 @@ import pluggy
 from pydantic import BaseModel, ConfigDict, Field
 
 from eiwa.core.datafile import DataFile, FileParameter
+from eiwa.core.parts import IndexParameter, Part
 
 PROJECT = "eiwa"
-__all__ = ["DataFile", "FileParameter", "Number", "Parameters", "Plugin", "hookimpl", "quantity"]
+__all__ = [
+    "DataFile",
+    "FileParameter",
+    "IndexParameter",
+    "Number",
+    "Parameters",
+    "Part",
+    "Plugin",
+    "hookimpl",
+    "quantity",
+]
 
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)

@@ -187,7 +187,7 @@ class TracedIndex(DexterityIndex):
 
     @abstractmethod
     def columns(self, arm: ArmColumns, p: Sequence[Column]) -> Column:
-        """The index's formula; ``p`` are the entries that :meth:`prepare` returned."""
+        """The index's formula; ``p`` are the entries that :meth:`prepare` returned, zeros may follow."""
 
     def values(self, postures: Postures, prepared: NDArray[np.float64]) -> Array:
         """The compiled formula on arrays."""

@@ -17,8 +17,10 @@ import pluggy
 
 from eiwa.core import hookspecs
 from eiwa.core.errors import EiwaError, PluginError, SpecError, finding
+from eiwa.core.findings import validated
 from eiwa.core.hookspecs import PROJECT, Parameters, Plugin
-from eiwa.core.tree import did_you_mean
+from eiwa.core.parts import Part
+from eiwa.core.tree import Tree, did_you_mean
 from eiwa.core.version import __version__
 
 KINDS = {
@@ -34,11 +36,16 @@ BUILT_IN = (
     "eiwa.plugins.arms.delta",
     "eiwa.plugins.arms.dh",
     "eiwa.plugins.arms.urdf",
+    "eiwa.plugins.dexterity.extended",
+    "eiwa.plugins.dexterity.joint_limits",
+    "eiwa.plugins.dexterity.product",
+    "eiwa.plugins.dexterity.singular",
     "eiwa.plugins.dexterity.yoshikawa",
     "eiwa.plugins.humans.ehem",
     "eiwa.plugins.humans.ehem_comfort",
     "eiwa.plugins.humans.free_arm",
     "eiwa.plugins.humans.points",
+    "eiwa.plugins.metrics.conditioning",
     "eiwa.plugins.metrics.interaction",
     "eiwa.plugins.metrics.size",
     "eiwa.plugins.voxels.stores",
@@ -89,6 +96,27 @@ class Registry:
         problem = f"no {kind} plugin has this name{did_you_mean(name, self.names(kind))}"
         broken = "; ".join(f"{b.provider}: {b.reason}" for b in self.broken)
         raise SpecError(finding(path, problem, value=name, remedy=f"Could not be loaded: {broken}." if broken else ""))
+
+    @property
+    def context(self) -> dict[str, Any]:
+        """What parameters that name files or other plugins are validated with."""
+        return {"folder": self.folder, "part": self.part}
+
+    def part(self, kind: str, table: Tree) -> Part:
+        """The plugin of a table inside another plugin's parameters.
+
+        Raises
+        ------
+        SpecError
+            With paths that begin at the table.
+        """
+        name = table.get("kind")
+        if not isinstance(name, str):
+            problem = f"is required. Known: {', '.join(self.names(kind))}."
+            raise SpecError(finding("kind", problem if name is None else f"must be a plugin's name, not {name!r}."))
+        plugin = self.find(kind, name, "kind")
+        parameters = {k: v for k, v in table.items() if k != "kind"}
+        return Part(plugin, validated(plugin.parameters, parameters, "", self.context))
 
     def names(self, kind: str) -> list[str]:
         """Known names of a kind, sorted."""

@@ -173,6 +173,8 @@ def where(condition: Column, a: Column, b: Column) -> Column:
     if isinstance(condition, Symbol):
         tape = condition.tape
         return tape.node("select", condition.index, _lift(tape, a).index, _lift(tape, b).index)
+    if isinstance(condition, bool | np.bool_):
+        return a if condition else b
     return np.where(condition, a, b)
 
 
@@ -281,6 +283,38 @@ def expm1(x: Column) -> Column:
     r = x - n * math.log(2.0)
     power = x.tape.node("power", shifted.index)
     return power * (r + (r * r) * polynomial(r, _EXPM1_SINGLE if x.tape.single else _EXPM1)) + (power - 1.0)
+
+
+def root(x: Column, k: int) -> Column:
+    """k-th root of x in [0, 1], k from 1 to 6, to 1e-14 of its value (single: 5e-5); 0 for x below 1e-37.
+
+    Symbols: y <- (x y^(r - k))^(1 / r) for the power r of 2 next above k by square roots, then Newton's rule.
+    """
+    if not isinstance(x, Symbol):
+        return np.power(x, 1.0 / k)
+    if k % 2 == 0:
+        return root(sqrt(x), k // 2)
+    if k == 1:
+        return x
+    some = x > 1e-37
+    x = where(some, x, 1.0)
+    halvings = k.bit_length()
+    y: Column = 1.0
+    for _ in range(6):
+        y = x * _power(y, 2**halvings - k)
+        for _ in range(halvings):
+            y = sqrt(y)
+    for _ in range(2 if x.tape.single else 4):
+        y = y + (1.0 / k) * (x / _power(y, k - 1) - y)
+    return where(some, y, 0.0)
+
+
+def _power(x: Column, k: int) -> Column:
+    """x^k for a small k > 0."""
+    result = x
+    for _ in range(k - 1):
+        result = result * x
+    return result
 
 
 def polynomial(x: Column, coefficients: Sequence[float]) -> Column:

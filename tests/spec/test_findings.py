@@ -133,7 +133,7 @@ CASES = {
     "neither K": ({"K = 12270\n": ""}, "dexterity", "give exactly one of K and K_scaled"),
     "unknown row": ({"K = 12270": 'K = 12270\nrows = ["q"]'}, "dexterity.rows", "'rx'"),
     "no rows": ({"K = 12270": "K = 12270\nrows = []"}, "dexterity", "at least one row"),
-    "a row twice": ({"K = 12270": 'K = 12270\nrows = ["x", "x"]'}, "dexterity", "each once"),
+    "a row twice": ({"K = 12270": 'K = 12270\nrows = ["x", "x"]'}, "dexterity.rows", "each once"),
     "unknown normaliser": (
         {"K = 12270": 'K = 12270\nnormaliser = "mx"'}, "dexterity.normaliser = 'mx'", "must be 'max'"),
     # the search

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,10 @@ from pydantic import model_validator
 
 from eiwa.core.hookspecs import Parameters, Plugin, hookimpl, quantity
 from eiwa.core.interfaces import Arm, ArmColumns, Postures, TracedIndex
-from eiwa.core.linear import product, volume
-from eiwa.core.symbols import Column, expm1, maximum
-
-Row = Literal["x", "y", "z", "rx", "ry", "rz"]
-ROWS: tuple[Row, ...] = ("x", "y", "z", "rx", "ry", "rz")
-_NAMED = {"all": ROWS, "translation": ROWS[:3], "rotation": ROWS[3:]}
+from eiwa.core.limits import penalty, unscaled
+from eiwa.core.linear import volume
+from eiwa.core.symbols import Column
+from eiwa.core.taskspace import ROWS, ROWS_FIELD, RowsParameter, row_numbers
 
 
 class YoshikawaParameters(Parameters):
@@ -37,16 +35,12 @@ class YoshikawaParameters(Parameters):
         gt=0,
         description="Scale-free form K' = K 4^-N for N limited joints: the factor at mid-range is 1 - exp(-K').",
     )
-    rows: Literal["all", "translation", "rotation"] | list[Row] = quantity(
-        "all", description="Rows of the Jacobian that the index looks at."
-    )
+    rows: RowsParameter = ROWS_FIELD
 
     @model_validator(mode="after")
     def _one_factor(self) -> Self:
         if (self.K is None) == (self.K_scaled is None):
             raise ValueError("give exactly one of K and K_scaled")
-        if not isinstance(self.rows, str) and (not self.rows or len(set(self.rows)) < len(self.rows)):
-            raise ValueError("rows must name at least one row, each once")
         return self
 
 
@@ -69,21 +63,16 @@ class Yoshikawa(TracedIndex):
 
     def prepare(self, arm: Arm, pilot: Postures) -> NDArray[np.float64]:
         """K = K' 4^N over the N limited joints."""
-        return np.array([self.K if self.K_scaled is None else self.K_scaled * 4.0 ** sum(arm.limited)])
+        return np.array([unscaled(self.K, self.K_scaled, arm.limited)])
 
     def columns(self, arm: ArmColumns, p: Sequence[Column]) -> Column:
         """Eq. (1) on columns."""
         jacobian = arm.reduced if arm.reduced is not None and len(self.rows) == len(ROWS) else arm.jacobian
-        w = volume([jacobian[row] for row in self.rows])
-        penalised = [u for u, limited in zip(arm.u, arm.limited, strict=True) if limited]
-        margin = product([maximum(u - u * u, 0.0) for u in penalised])
-        return w * -expm1(-p[0] * margin)
+        return volume([jacobian[row] for row in self.rows]) * penalty(arm, p[0])
 
 
 def _build(parameters: YoshikawaParameters) -> Yoshikawa:
-    names = _NAMED[parameters.rows] if isinstance(parameters.rows, str) else parameters.rows
-    rows = tuple(sorted(ROWS.index(name) for name in names))
-    return Yoshikawa(parameters.K, parameters.K_scaled, rows)
+    return Yoshikawa(parameters.K, parameters.K_scaled, row_numbers(parameters.rows))
 
 
 @hookimpl
