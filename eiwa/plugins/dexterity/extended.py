@@ -45,7 +45,8 @@ class Extended(TracedIndex):
 
     def prepare(self, arm: Arm, pilot: Postures) -> NDArray[np.float64]:
         """1 / L, then every joint's range [rad or m], read off the pilot, in which q is linear in u."""
-        ranges = np.ptp(pilot.q, axis=0) / np.maximum(np.ptp(pilot.u, axis=0), 1e-12)
+        spread = np.ptp(pilot.u, axis=0)
+        ranges = np.where(spread > 0, np.ptp(pilot.q, axis=0) / np.where(spread > 0, spread, 1.0), 1.0)
         length = characteristic_length(self.length, self.rows, pilot)
         return np.array([1.0 / length, *ranges])
 
