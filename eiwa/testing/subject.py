@@ -86,10 +86,11 @@ def of_entry(entry: Entry, parameters: Mapping[str, Any], folder: Path = Path())
     """The subject of an entry; files that the parameters name are looked for in ``folder``."""
     path = f"metrics.{entry.plugin.name}" if entry.kind == "metrics" else entry.kind
     model = entry.plugin.parameters
+    context = load(folder=folder).context
     try:
-        valid = validated(model, dict(parameters), path, folder)
+        valid = validated(model, dict(parameters), path, context)
     except SpecError:
-        valid = validated(model, {**examples(model, besides=parameters), **parameters}, path, folder)
+        valid = validated(model, {**examples(model, besides=parameters), **parameters}, path, context)
     return Subject(entry.kind, entry.plugin, valid, folder)
 
 

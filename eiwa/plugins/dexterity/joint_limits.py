@@ -24,7 +24,9 @@ class JointLimitsParameters(Parameters):
         description="'product': the factor of Eq. (1), 0 at any limit; 'mean': the mean of 4 u (1 - u) over the limited "
         "joints (REACH), 1 at mid-range whatever their number, 0 only with every joint at a limit.",
     )
-    K: float | None = quantity(None, gt=0, description="Scaling factor of Eq. (1), for the form 'product'.")
+    K: float | None = quantity(
+        None, gt=0, examples=[12270.0], description="Scaling factor of Eq. (1), for the form 'product'."
+    )
     K_scaled: float | None = quantity(
         None,
         gt=0,

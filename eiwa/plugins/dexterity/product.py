@@ -18,7 +18,9 @@ class ProductParameters(Parameters):
     """The product of other indices, each with its own parameters."""
 
     factors: list[IndexParameter] = quantity(
-        min_length=1, description="Tables [[dexterity.factors]], each with the kind and the parameters of an index."
+        min_length=1,
+        examples=[[{"kind": "condition", "rows": "translation"}, {"kind": "joint_limits", "form": "mean"}]],
+        description="Tables [[dexterity.factors]], each with the kind and the parameters of an index.",
     )
 
 
