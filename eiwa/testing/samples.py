@@ -9,6 +9,7 @@ from typing import Any
 from eiwa.core.errors import EiwaError
 from eiwa.core.findings import validated
 from eiwa.core.interfaces import Array
+from eiwa.core.registry import load
 from eiwa.core.sampling import MAX_DIMENSIONS, Stream
 from eiwa.core.tree import leaves, replaced
 from eiwa.testing.subject import Subject, context_in
@@ -21,6 +22,7 @@ def points(dof: int, count: int) -> Array:
 
 def variations(subject: Subject) -> Iterator[tuple[str, Any]]:
     """The path of every number and switch among the parameters, and a part built with that one changed."""
+    context = load(folder=subject.folder).context
     tree = subject.parameters.model_dump(mode="json")
     for path, value in leaves(tree):
         values = enumerate(value) if isinstance(value, list) else [(None, value)]
@@ -29,7 +31,7 @@ def variations(subject: Subject) -> Iterator[tuple[str, Any]]:
             for changed in _neighbours(entry):
                 try:
                     table = replaced(tree, {where: changed}, {})
-                    parameters = validated(type(subject.parameters), table, subject.kind, context_in(subject.folder))
+                    parameters = validated(type(subject.parameters), table, subject.kind, context)
                     yield where, subject.plugin.build(parameters)
                 except EiwaError:
                     continue  # a value that the model refuses is no neighbour

@@ -85,7 +85,8 @@ def subject(
 def of_entry(entry: Entry, parameters: Mapping[str, Any], folder: Path = Path()) -> Subject:
     """The subject of an entry; files that the parameters name are looked for in ``folder``."""
     path = f"metrics.{entry.plugin.name}" if entry.kind == "metrics" else entry.kind
-    model, context = entry.plugin.parameters, context_in(folder)
+    model = entry.plugin.parameters
+    context = load(folder=folder).context
     try:
         valid = validated(model, dict(parameters), path, context)
     except SpecError:

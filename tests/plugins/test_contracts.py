@@ -15,6 +15,8 @@ from eiwa.testing.subject import of_entry
 TABLES = {
     ("arm", "urdf"): [{"file": "studies/devices/touch.urdf"}],
     **{("human", name): [{"samples": 1 << 16}] for name in ("ehem", "ehem_comfort", "ehem_percentile")},
+    **{("dexterity", name): [{"rows": "translation"}] for name in ("condition", "isotropy", "smallest_singular_value")},
+    ("dexterity", "joint_limits"): [{"K_scaled": 3.0}, {"form": "mean"}],
     ("human", "points"): [{"file": "tests/data/hands.csv"}],
     **{("voxels", store): [{"aggregate": "max"}, {"aggregate": "mean"}] for store in ("auto", "dense", "sparse")},
 }

@@ -1,6 +1,7 @@
 """Indices of singular values, joint-limit penalties, extended manipulability, products and the global index."""
 
 from itertools import product as combinations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -299,6 +300,27 @@ def test_products_of_the_same_kinds_share_a_structure_and_others_do_not():
 
     assert with_K(1.0).structure == with_K(2.0).structure
     assert with_K(1.0).structure != with_K(1.0, "isotropy").structure
+
+
+# The global conditioning index.
+
+
+def gci(arm, **parameters):
+    plugin = REGISTRY.find("metrics", "gci", "")
+    measurement = SimpleNamespace(setup=SimpleNamespace(arm=arm))
+    return plugin.build(plugin.parameters(**parameters))(measurement)["gci"]
+
+
+def test_the_global_index_is_the_mean_over_joint_space():
+    """Within five standard errors of plain samples."""
+    arm = arms.paper(limits=(-2.0, 2.0))
+    s = singular_values(sampled(arm, 40000), 0.3)
+    each = s[:, -1] / s[:, 0]
+    assert gci(arm, length=0.3) == pytest.approx(each.mean(), abs=5 * each.std() / np.sqrt(len(each)))
+
+
+def test_an_arm_that_is_isotropic_everywhere_has_the_global_index_1():
+    assert gci(arms.gantry((0, 1), (0, 1), (0, 1)), rows="translation") == 1.0
 
 
 # Compiled: a family, and what is kept of its samples.

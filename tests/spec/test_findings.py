@@ -34,6 +34,12 @@ def joints(count):
     return "joints = [" + ",".join(f'{{ name = "j{k}", limits = [-1, 1] }}' for k in range(count)) + "]\n"
 
 
+def factors(text):
+    """The dexterity as a product."""
+    listed = f"factors = [{text}]" if text else ""
+    return {'kind = "yoshikawa"\nK = 12270': f'kind = "product"\n{listed}'}
+
+
 CASES = {
     # types
     "a string for a number": ({"K = 12270": 'K = "many"'}, "dexterity.K = 'many'", "must be a valid number"),
@@ -56,6 +62,23 @@ CASES = {
     "a list for a metric": (table("[metrics]\nF = []"), "metrics", "write [metrics.F]"),
     "a string for plugins": (top('plugins = "x.py"'), "plugins = 'x.py'", "must be a list of file names"),
     "a number for an assumption": (table('[assumptions]\n"layout.spacing" = 3'), 'assumptions."layout.spacing"', ""),
+    # tables within a plugin's table
+    "a product of nothing": (factors(""), "dexterity.factors", "is required"),
+    "a factor without a kind": (factors("{ K = 1 }"), "dexterity.factors.0.kind", "is required. Known: condition, "),
+    "a factor of no kind": (
+        factors('{ kind = "conditoin" }'), "dexterity.factors.0.kind = 'conditoin'", "mean 'condition'"),
+    "a kind that is a number": (factors("{ kind = 3 }"), "dexterity.factors.0.kind", "name, not 3"),
+    "a number for a factor": (factors("3"), "dexterity.factors.0 = 3", "must be a table with a kind"),
+    "a factor's unknown key": (
+        factors('{ kind = "condition" }, { kind = "yoshikawa", K = 1, row = "all" }'), "dexterity.factors.1.row",
+        "did you mean 'rows'"),
+    "a factor's wrong value": (
+        factors('{ kind = "condition", length = -1 }'), "dexterity.factors.0.length = -1", "greater than 0"),
+    "a factor's two choices": (
+        factors('{ kind = "joint_limits", form = "mean", K = 1 }'), "dexterity.factors.0", "leave them out"),
+    "a factor's factor": (
+        factors('{ kind = "product", factors = [{ kind = "condition", rows = ["q"] }] }'),
+        "dexterity.factors.0.factors.0.rows", "'rx'"),
     # values
     "not a number": ({"K = 12270": "K = nan"}, "dexterity.K = nan", "must be a finite number"),
     "infinity": ({"K = 12270": "K = inf"}, "dexterity.K = inf", "must be a finite number"),

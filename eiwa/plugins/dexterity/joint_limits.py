@@ -25,7 +25,7 @@ class JointLimitsParameters(Parameters):
         "joints (REACH), 1 at mid-range whatever their number, 0 only with every joint at a limit.",
     )
     K: float | None = quantity(
-        None, gt=0, description="Scaling factor of Eq. (1), for the form 'product'.", examples=[12270]
+        None, gt=0, examples=[12270.0], description="Scaling factor of Eq. (1), for the form 'product'."
     )
     K_scaled: float | None = quantity(
         None,

@@ -19,8 +19,8 @@ class ProductParameters(Parameters):
 
     factors: list[IndexParameter] = quantity(
         min_length=1,
+        examples=[[{"kind": "condition", "rows": "translation"}, {"kind": "joint_limits", "form": "mean"}]],
         description="Tables [[dexterity.factors]], each with the kind and the parameters of an index.",
-        examples=[[{"kind": "condition"}, {"kind": "joint_limits", "form": "mean"}]],
     )
 
 
