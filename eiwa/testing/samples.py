@@ -12,7 +12,7 @@ from eiwa.core.interfaces import Array
 from eiwa.core.registry import load
 from eiwa.core.sampling import MAX_DIMENSIONS, Stream
 from eiwa.core.tree import leaves, replaced
-from eiwa.testing.subject import Subject, context_in
+from eiwa.testing.subject import Subject
 
 
 def points(dof: int, count: int) -> Array:
