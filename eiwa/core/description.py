@@ -79,7 +79,7 @@ def allowed(key: Schema) -> str:
 def toml(value: Any) -> str:
     """A plain value as TOML writes it; None, which TOML lacks, as 'none'."""
     if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{k} = {toml(v)}" for k, v in value.items()) + " }" if value else "{}"
+        return "{ " + ", ".join(f"{k} = {toml(v)}" for k, v in value.items() if v is not None) + " }" if value else "{}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(toml(v) for v in value)}]"
     if isinstance(value, str):

@@ -94,11 +94,6 @@ def of_entry(entry: Entry, parameters: Mapping[str, Any], folder: Path = Path())
     return Subject(entry.kind, entry.plugin, valid, folder)
 
 
-def context_in(folder: Path) -> dict[str, Any]:
-    """What parameters are validated with: files of a folder, plugins that are installed."""
-    return {**load().context, "folder": folder}
-
-
 def examples(model: type[Parameters], besides: Mapping[str, Any]) -> dict[str, Any]:
     """The first example of every parameter that has one and is not given."""
     return {n: field.examples[0] for n, field in model.model_fields.items() if field.examples and n not in besides}
