@@ -34,8 +34,8 @@ class Part:
             return self.plugin.build(self.parameters)
 
     def table(self) -> dict[str, Any]:
-        """The table in the study file's shape, defaults written out."""
-        return {"kind": self.plugin.name, **self.parameters.model_dump(mode="json")}
+        """The table in the study file's shape, defaults written out; keys without a value, which TOML lacks, left out."""
+        return {"kind": self.plugin.name, **self.parameters.model_dump(mode="json", exclude_none=True)}
 
 
 def _index(value: Any, info: ValidationInfo) -> Part:

@@ -145,4 +145,4 @@ def test_tables_to_begin_with_are_valid(generate):
             lines = generate.beginning(entry)
             table = tomllib.loads("\n".join(lines))
             table.pop("kind", None)
-            assert lines == [] or entry.plugin.parameters.model_validate(table)
+            assert lines == [] or entry.plugin.parameters.model_validate(table, context=load().context)
