@@ -65,10 +65,10 @@ class Foreign(Family):
     def identity(self) -> None:
         """Its samples are not kept."""
 
-    def evaluate(self, u: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Tips (n, 3) [m] and the index (n, 1)."""
+    def rows(self, u: NDArray[Any], dtype: Any = np.float64) -> NDArray[Any]:
+        """Tips x, y, z [m] and the index, shape (4, n)."""
         tips, raw = self.function(u)
-        return tips, raw[:, None]
+        return np.vstack([tips.T, raw]).astype(dtype, copy=False)
 
 
 def kinematics(xp: Any, case: Case, q: Any) -> tuple[list[Any], list[Any], list[list[Any]]]:

@@ -67,6 +67,15 @@ def test_a_comparator_inside_the_flow_leaves_the_same_maxima(family):
         np.testing.assert_allclose(a.values, b.values, atol=1e-12)
 
 
+def test_the_flow_asks_the_comparator(family):
+    """Half of the index leaves half of every maximum."""
+    ours = compare.filled(family, PAPER, "f64", 1 << 14, 7)
+    halved = Foreign(family.members, lambda u: (right(u)[0], 0.5 * right(u)[1]))
+    theirs = compare.filled(halved, PAPER, "f64", 1 << 14, 7)
+    largest = [max(filled.values.max() for filled in each) for each in (ours, theirs)]
+    assert largest[1] == pytest.approx(largest[0] / 2, abs=1e-9)
+
+
 @pytest.mark.parametrize("parts", [{"arm": compare.NumpyArm(PAPER)}, {"index": compare.NumpyIndex(PAPER)}])
 def test_parts_in_plain_numpy_agree(parts, family):
     error = compare.difference(family, PAPER.family(**parts))

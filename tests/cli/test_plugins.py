@@ -37,7 +37,12 @@ def test_show_names_every_parameter(kind, name, cli):
     said = cli("plugins", "show", name, "--kind", kind)
     assert said.code == 0, said.err
     plugin = load().entries[kind, name].plugin
-    for word in (kind, plugin.summary.split()[0], *plugin.parameters.model_fields, *(n.name for n in plugin.numbers)):
+    for word in (
+        kind,
+        plugin.summary.split()[0].strip("`"),
+        *plugin.parameters.model_fields,
+        *(n.name for n in plugin.numbers),
+    ):
         assert word in said.out
     assert narrow(said)
 
