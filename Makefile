@@ -12,8 +12,8 @@ paper: $(VENV)/.paper
 	@$(BIN)/eiwa study run studies/paper.toml
 
 test: $(VENV)/.dev
-	@echo "Running the tests: $(BIN)/pytest"
-	@$(BIN)/pytest
+	@echo "Running the tests: $(BIN)/pytest -n auto --maxprocesses 4"
+	@$(BIN)/pytest -n auto --maxprocesses 4
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .
