@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field
 
 from eiwa.core.hookspecs import Parameters, quantity
 from eiwa.core.interfaces import Postures
-from eiwa.core.singular import Matrix
+from eiwa.core.linear import Matrix
 from eiwa.core.symbols import Column
 
 Row = Literal["x", "y", "z", "rx", "ry", "rz"]

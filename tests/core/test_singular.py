@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eiwa.core.kernel import Map
-from eiwa.core.singular import extremes, singular_values
+from eiwa.core.singular import extremes, isotropy, singular_values
 from eiwa.core.symbols import as_columns, root
 
 N = 2000
@@ -100,7 +100,77 @@ def test_compiled_in_single_precision_they_are_never_nan():
     np.testing.assert_allclose(out[:, 3], x[:, 5] ** 0.2, rtol=5e-5)
 
 
-def test_extremes_are_the_last_and_the_first():
-    A = [as_columns(row) for row in random(3, 4).transpose(1, 0, 2)]
-    values = singular_values(A)
-    assert all(np.array_equal(a, b) for a, b in zip(extremes(A), (values[-1], values[0]), strict=True))
+# By the characteristic polynomial: double precision.
+
+
+def near(top):
+    """Four values within a part in ten of the largest or of the smallest one."""
+    generator = np.random.default_rng(6)
+    cluster = 10.0 ** generator.uniform(-8, -1, (N, 4))
+    if top:
+        return np.concatenate([1.0 - cluster, generator.uniform(0.01, 0.9, (N, 2))], axis=1)
+    return np.concatenate([0.3 * (1.0 + cluster), generator.uniform(0.4, 1.0, (N, 2))], axis=1)
+
+
+def extreme_error(A):
+    """Error of the smallest and of the largest singular value, relative to the largest one, per sample."""
+    with np.errstate(divide="raise", invalid="raise", over="raise"):
+        found = np.stack(extremes([as_columns(row) for row in A.transpose(1, 0, 2)]), axis=-1)
+    expected = np.linalg.svd(A, compute_uv=False)
+    return np.abs(found - expected[:, [-1, 0]]).max(axis=1) / np.maximum(expected[:, 0], 1e-300)
+
+
+SHAPES = pytest.mark.parametrize(
+    "shape", [(1, 6), (2, 6), (3, 3), (3, 12), (4, 3), (6, 4), (5, 12), (6, 6), (6, 7), (6, 12)]
+)
+
+
+@SHAPES
+def test_most_extremes_are_as_accurate(shape):
+    assert np.quantile(extreme_error(random(*shape)), 0.9) < 1e-10
+
+
+@SHAPES
+def test_all_extremes_are_within_three_thousandths(shape):
+    assert extreme_error(random(*shape)).max() < 3e-3
+
+
+@pytest.mark.parametrize("top", [True, False])
+def test_extremes_of_clusters_are_within_three_thousandths(top):
+    assert extreme_error(with_values(near(top))).max() < 3e-3
+
+
+@pytest.mark.parametrize("values", EQUAL.values(), ids=EQUAL)
+def test_extremes_that_are_equal_or_zero_are_within_a_ten_thousandth(values):
+    assert extreme_error(with_values(values)).max() < 1e-4
+
+
+def test_a_smallest_value_near_zero_keeps_its_digits():
+    values = np.concatenate([np.tile([1.0, 0.8, 0.6, 0.4, 0.2], (N, 1)), 10.0 ** random(1)[:, :1] * 1e-6], axis=1)
+    A = with_values(values)
+    smallest, _ = extremes([as_columns(row) for row in A.transpose(1, 0, 2)])
+    np.testing.assert_allclose(smallest, np.linalg.svd(A, compute_uv=False)[:, -1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(3, 3), (6, 6), (6, 7), (4, 9)])
+def test_isotropy_is_the_ratio_of_the_means(shape):
+    A = random(*shape)
+    s = np.linalg.svd(A, compute_uv=False)
+    expected = s.prod(axis=1) ** (1 / s.shape[1]) / s.mean(axis=1)
+    found = isotropy([as_columns(row) for row in A.transpose(1, 0, 2)])
+    np.testing.assert_allclose(found, expected, rtol=0, atol=4e-7)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (3, 6), (6, 6)])
+def test_zeros_have_neither_extremes_nor_isotropy(shape):
+    zeros = [[np.zeros(3) for _ in range(shape[1])] for _ in range(shape[0])]
+    with np.errstate(divide="raise", invalid="raise", over="raise"):
+        assert not np.any([*extremes(zeros), isotropy(zeros)])
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_single_precision_takes_the_rotations(dtype):
+    """Equal values: the polynomial would be off by several per cent."""
+    A = with_values((1.0,) * 6)
+    smallest, largest = extremes([as_columns(row.astype(dtype)) for row in A.transpose(1, 0, 2)])
+    assert max(np.abs(smallest - 1.0).max(), np.abs(largest - 1.0).max()) < 1e-4

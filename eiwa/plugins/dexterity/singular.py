@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from eiwa.core.hookspecs import Plugin, hookimpl
 from eiwa.core.interfaces import Arm, ArmColumns, Postures, TracedIndex
-from eiwa.core.linear import product, where_positive
-from eiwa.core.singular import Matrix, extremes, singular_values
-from eiwa.core.symbols import Column, minimum, root
+from eiwa.core.linear import Matrix, where_positive
+from eiwa.core.singular import extremes, isotropy
+from eiwa.core.symbols import Column
 from eiwa.core.taskspace import TaskSpace, characteristic_length, row_numbers, scaled
 
 
@@ -79,13 +79,8 @@ class Isotropy(SingularValueIndex):
     """Geometric over arithmetic mean in [0, 1]: 1 where all directions are equal, 0 at a singularity."""
 
     def of(self, J: Matrix) -> Column:
-        """k-th root of the product of the k singular values, each over their mean."""
-        values = singular_values(J)
-        total = values[0]
-        for value in values[1:]:
-            total = total + value
-        inverse_mean = len(values) * where_positive(total)
-        return root(minimum(product([value * inverse_mean for value in values]), 1.0), len(values))
+        """The isotropy of the singular values."""
+        return isotropy(J)
 
 
 def _plugin(name: str, parameters: type[TaskSpace], index: type[SingularValueIndex]) -> Plugin:
