@@ -24,6 +24,8 @@ SECTIONS = {
     "dexterity": sections.DexteritySection,
     "voxels": sections.VoxelsSection,
     "sampling": sections.SamplingSection,
+    "adjust": sections.AdjustSection,
+    "grid": sections.GridSection,
     "range": sections.RangeSection,
     "objective": sections.ObjectiveSection,
     "constraint": sections.ConstraintSection,
@@ -116,7 +118,7 @@ def columns():
     from eiwa.study.rows import schema
 
     families = {"parameters": "V", "values": "PATH", "objectives": "I", "constraints": "I"}
-    families |= {"metrics": "NAME", "replicated": "F"}
+    families |= {"metrics": "NAME", "adjusted": "WHAT", "replicated": "metrics.NAME"}
     heads = (name.split(".")[0] for name in schema(load_study(EXAMPLE)).names)
     return dict.fromkeys(f"{head}.{families[head]}" if head in families else head for head in heads)
 

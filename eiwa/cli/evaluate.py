@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -31,6 +32,7 @@ def evaluate(
     from eiwa.core.outcome import evaluate as outcome_of
     from eiwa.core.spec import load
     from eiwa.core.tree import did_you_mean
+    from eiwa.study.rows import adjustable
 
     listen_to_log()
     put = settings(set_)
@@ -59,6 +61,7 @@ def evaluate(
                 "replicates": count,
                 "metrics": outcome.scenarios[""],
                 "scenarios": {k: v for k, v in outcome.scenarios.items() if k},
+                "operators": {k: asdict(v) for k, v in outcome.operators.items()},
                 "objectives": objectives,
                 "violations": constraints,
                 "feasible": outcome.feasible,
@@ -67,6 +70,11 @@ def evaluate(
         return
     console = out()
     console.print(tables.metrics(spec, outcome.scenarios, f"Design {design or 'as written in ' + study}"))
+    if adjustable(spec):
+        console.print(tables.operators(spec, outcome.operators))
     for constraint, violation in zip(spec.constraints, outcome.violations, strict=True):
-        state = "met" if violation <= 0 else f"not met (by {violation:.4g})"
+        if violation is None:
+            state = "reads variables, which this design does not have"
+        else:
+            state = "met" if violation <= 0 else f"not met (by {violation:.4g})"
         console.print(f"constraint {constraint.label}: {state}", markup=False)

@@ -176,9 +176,15 @@ def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
     failed = [r for r in trials if r["state"] == "FAIL"]
     lines = []
     best = "design" if ranked(spec) else "leader"
-    if any("replicated.F" in r and r["replicated.F"] for r in rows if r["kind"] == best):
+    if any(r.get("replicated.metrics.F") for r in rows if r["kind"] == best):
         of = "design" if ranked(spec) else "trial"
-        lines.append(f"~ F cannot be told from the best {of}'s (95 %, paired replicates).")
+        what = spec.objectives[0].label if spec.objectives else "F"
+        lines.append(f"~ {what} cannot be told from the best {of}'s (95 %, paired replicates).")
+    skipped = [r for r in trials if r["state"] == "SKIPPED"]
+    if skipped:
+        lines.append(
+            f"{len(skipped)} of {len(trials)} trials break an inequality of parameters and were not evaluated."
+        )
     if failed:
         lines.append(f"{len(failed)} of {len(trials)} trials failed; the last said: {failed[-1]['message']}")
     if trials and not any(r["feasible"] for r in trials):

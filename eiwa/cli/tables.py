@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from statistics import stdev
 from typing import TYPE_CHECKING, Any
 
 from rich.table import Table
 from rich.text import Text
 
 from eiwa.core.named import parted
-from eiwa.core.spec import REFERENCE, StudySpec
+from eiwa.core.scenarios import REFERENCE
+from eiwa.core.spec import StudySpec
 from eiwa.core.tree import exists, lookup
 
 if TYPE_CHECKING:
+    from eiwa.core.interfaces import Operator
     from eiwa.study.converge import Point
     from eiwa.study.estimate import Cost, Shortfall
     from eiwa.study.rows import Row
@@ -30,7 +33,7 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     variables = len(spec.searched) > MAX_VALUES
     columns = list(spec.ranges) if variables else varied(spec)
     metrics = shown_metrics(spec)
-    objectives = [(i, o.label) for i, o in enumerate(spec.objectives) if o.over != "reference"]
+    objectives = [(i, o.label) for i, o in enumerate(spec.objectives) if o.over != "reference" or o.expression]
     published = sorted({m for d in spec.designs.values() for m in d.published})
     table = _table(f"Study {spec.study.name}")
     table.add_column("design", no_wrap=True)
@@ -55,13 +58,21 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
         tie = " ~" if winner is not None and row is not winner and tied(winner, row) else ""
         values = [_value(spec, row, column, variables) for column in columns[:MAX_VALUES]]
         numbers = [number(row, metric) for metric in metrics]
-        values_of = [_plain(row.get(f"objectives.{i}")) for i, _ in objectives]
+        values_of = [_objective(row, i) for i, _ in objectives]
         design = spec.designs.get(name)
         known = [_plain(design.published.get(m)) if design else "" for m in published]
         table.add_row(Text(name + tie), *values, *numbers, *values_of, *known, style="bold" if row is winner else None)
         if position == first - 1:
             table.add_section()
     return table
+
+
+def _objective(row: Row, i: int) -> str:
+    """An objective with the standard deviation over its replicates."""
+    replicated = row.get(f"replicated.objectives.{i}")
+    if not replicated:
+        return _plain(row.get(f"objectives.{i}"))
+    return with_error(row[f"objectives.{i}"], stdev(replicated))
 
 
 def ranked(spec: StudySpec) -> bool:
@@ -121,6 +132,12 @@ def metrics(spec: StudySpec, scenarios: Mapping[str, Mapping[str, float | None]]
     return table
 
 
+def operators(spec: StudySpec, chosen: Mapping[str, Operator]) -> Table:
+    """How the operator sat under every scenario, adjusted to their own liking."""
+    rows = [(scenario_label(spec, label), f"{o.armrest:g}", f"{o.seat:g}") for label, o in chosen.items()]
+    return plain("What the operator chose", ["scenario", "armrest [m]", "seat [m]"], rows)
+
+
 def number(row: Row, metric: str) -> str:
     """A metric of a row with its error."""
     return with_error(row.get(f"metrics.{metric}"), row.get(f"metrics.{metric}_se"))
@@ -168,9 +185,11 @@ def scenario_label(spec: StudySpec, label: str) -> str:
     """A scenario's label with path steps cut; the reference by the value it has."""
     if label != REFERENCE.label:
         return " ".join(_cut(part) for part in label.split(" "))
-    paths = list(dict.fromkeys(p for s in spec.scenarios for p in s.overrides))
+    if spec.scenarios[0].title:
+        return f"{spec.scenarios[0].title} *"
+    paths = list(dict.fromkeys(p for p in spec.tree.get("scenarios", {}) if "." in p))
     shown = " ".join(_cut(f"{p}={_shown(lookup(spec.defaults, p))}") for p in paths)
-    return f"{shown} *" if shown else "value"
+    return f"{shown} *" if shown else "value" if len(spec.scenarios) == 1 else "as written *"
 
 
 def _cut(setting: str) -> str:

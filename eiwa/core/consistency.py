@@ -23,20 +23,25 @@ def findings(spec: StudySpec, base: Design) -> list[str]:
 def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
     """Every path that something changes must exist; searched ones must hold a number."""
     resolved = spec.defaults
+    axes = [path for path in spec.tree.get("scenarios", {}) if "." in path]
     uses = [(f'search."{p}"', p, True) for p in spec.searched]
-    uses += [(f'scenarios."{p}"', p, False) for p in spec.tree.get("scenarios", {})]
+    uses += [(f'scenarios."{p}"', p, False) for p in axes]
     for path in spec.assumptions:
         if not exists(spec.resolved, path):
             yield finding(f'assumptions."{path}"', "the study has no such path.")
     yield from _missing(resolved, uses)
-    for name, d in spec.designs.items():
-        tables, values = parted(d.overrides)
+    variants: list[tuple[str, Mapping[str, Any]]] = [
+        (f"designs.{name}", d.overrides) for name, d in spec.designs.items()
+    ]
+    variants += [(f"scenarios.{s.label}", s.overrides) for s in spec.scenarios if s.overrides.keys() - axes]
+    for where, overrides in variants:
+        tables, values = parted(overrides)
         try:
             known = spec.defaults_with(tables)
         except SpecError as error:
-            yield from (f"designs.{name}: {line}" for line in error.findings)
+            yield from (f"{where}: {line}" for line in error.findings)
             continue
-        yield from _missing(known, [(f'designs.{name}."{path}"', path, False) for path in values])
+        yield from _missing(known, [(f'{where}."{path}"', path, False) for path in values if path not in axes])
 
 
 def _missing(resolved: Tree, uses: Iterable[tuple[str, str, bool]]) -> Iterable[str]:
@@ -56,20 +61,25 @@ def _missing(resolved: Tree, uses: Iterable[tuple[str, str, bool]]) -> Iterable[
 def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
     """Metrics that something reads must exist, and constraints must be possible."""
     numbers = spec.registry.numbers()
-    uses = [(f"objectives.{i}.metric", o.metric) for i, o in enumerate(spec.objectives) if o.metric]
-    uses += [(f"constraints.{i}.metric", c.metric) for i, c in enumerate(spec.constraints)]
+    uses = [
+        (f"objectives.{i}.{'metric' if o.metric else 'expression'}", number)
+        for i, o in enumerate(spec.objectives)
+        for number in sorted(o.numbers)
+    ]
+    uses += [(f"constraints.{i}.metric", c.metric) for i, c in enumerate(spec.constraints) if c.metric]
     uses += [(f"designs.{n}.published.{m}", m) for n, d in spec.designs.items() for m in d.published]
     for where, name in uses:
         if name not in numbers:
             yield finding(where, f"no metric yields {name!r}{did_you_mean(name, numbers)}")
     for i, constraint in enumerate(spec.constraints):
-        if constraint.metric in numbers:
+        if constraint.metric in numbers and constraint.level is None:
             number = numbers[constraint.metric][1]
             low = -float("inf") if constraint.min is None else constraint.min
             high = float("inf") if constraint.max is None else constraint.max
             if low > number.high or high < number.low:
                 allowed = f"{number.name} lies between {number.low:g} and {number.high:g}."
                 yield finding(f"constraints.{i}", f"nothing can meet {constraint.label}: {allowed}")
+    yield from _inequalities(spec)
     published = [n for n, d in spec.designs.items() if d.published]
     if any(o.aggregate == "misfit" for o in spec.objectives) and not published:
         yield finding("objectives", "misfit needs a named design with published values.")
@@ -79,6 +89,19 @@ def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
                 if value < 0:
                     problem = "misfit takes logarithms: the value must not be negative."
                     yield finding(f"designs.{name}.published.{metric}", problem, value=value)
+
+
+def _inequalities(spec: StudySpec) -> Iterable[str]:
+    """Inequalities read variables, and paths that hold a number."""
+    variables = {*spec.ranges, *spec.expressions}
+    for i, constraint in enumerate(spec.constraints):
+        where = f"constraints.{i}.expression"
+        for name in sorted(constraint.inequality.names - variables) if constraint.inequality else ():
+            value = lookup(spec.defaults, name) if exists(spec.defaults, name) else None
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                known = did_you_mean(name, (v for v in variables if v.isidentifier()))
+                problem = f"{name} is neither a variable nor a path that holds a number{known}"
+                yield finding(where, problem, value=constraint.expression)
 
 
 def _variants(spec: StudySpec) -> Iterable[str]:

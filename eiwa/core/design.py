@@ -17,6 +17,7 @@ from eiwa.core.hookspecs import Parameters, Plugin
 from eiwa.core.interfaces import HumanModel, Operator
 from eiwa.core.registry import Registry
 from eiwa.core.sections import (
+    AdjustSection,
     DexteritySection,
     LayoutSection,
     OperatorSection,
@@ -47,11 +48,18 @@ class Design:
         return tree
 
     @property
-    def kinematics(self) -> str:
-        """Equal for designs that differ in their dexterity's parameters alone."""
-        tree = self.resolved()
+    def masters(self) -> str:
+        """Equal for designs that differ in the operator, metrics, and parameters of the dexterity alone."""
+        tree = {name: table for name, table in self.resolved().items() if name not in ("operator", "human", "metrics")}
         tree["dexterity"] = tree["dexterity"]["kind"]
         return json.dumps(tree, sort_keys=True)
+
+    @property
+    def adjust(self) -> AdjustSection:
+        """What the operator adjusts."""
+        operator = self.tables["operator"]
+        assert isinstance(operator, OperatorSection)
+        return operator.adjust
 
     def setup(self, seed: int) -> Setup:
         """Build the parts."""
@@ -68,6 +76,7 @@ class Design:
         return Setup(
             arm=arm,
             index=index,
+            index_key=json.dumps(self.resolved()["dexterity"], sort_keys=True),
             normaliser=None if dexterity.normaliser == "max" else float(dexterity.normaliser),
             threshold=dexterity.threshold,
             layout=Layout(layout.spacing, (x, y, z), (roll, pitch, yaw), layout.second, layout.alpha),

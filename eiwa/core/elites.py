@@ -43,11 +43,11 @@ LEAST = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """How far the elites of one member have come.
+    """How far the elites of one member have come for one field of weights.
 
     ``history``: (evaluations, F) at the checkpoints; ``remaining``: how much F may still rise; ``elites``: per target
     and cell the point of the unit cube that attains the cell's value, NaN where there is none, shape
-    (targets, cells with weight, dof); ``cells``: their numbers on the grid.
+    (targets, cells with any weight, dof); ``cells``: their numbers on the grid.
     """
 
     history: Sequence[tuple[int, float]]
@@ -64,13 +64,13 @@ class Refinement:
 def refine(
     family: Family,
     targets: Sequence[Target],
-    weights: Array,
+    weights: Sequence[Array],
     stream: Stream,
     amount: Sampling,
     *,
     reached: bool = False,
-) -> list[tuple[list[Filled], Refinement]]:
-    """Search the largest value of every weighted cell, for every target and member.
+) -> list[tuple[list[Filled], list[Refinement]]]:
+    """Search the largest value of every weighted cell, for every target and member; a refinement for every field.
 
     Parameters
     ----------
@@ -79,33 +79,34 @@ def refine(
     targets
         The arms' poses on one and the same grid.
     weights
-        E_left + E_right on that grid: only cells with weight > 0 keep an elite, and progress is measured in
-        F = mean over targets of sum(weights * values) / sum(weights).
+        E_left + E_right on that grid of one or more operators: only cells with some weight > 0 keep an elite, and
+        progress is measured in F = mean over targets of sum(weights * values) / sum(weights), of every field.
     stream
         Its key starts the random numbers.
     amount
-        ``samples`` is the largest number of evaluations; the search ends before when for every member what remains
-        is under ``tolerance`` relative to max(F, 1e-3).
+        ``samples`` is the largest number of evaluations; the search ends before when for every member and field what
+        remains is under ``tolerance`` relative to max(F, 1e-3).
     reached
         Measure the progress by which cells are reached above the threshold, not by their values.
     """
     archives = Archives.empty(family, targets, weights)
     explore = _explorer(family, targets, archives, stream, amount.dtype)
     spent, checkpoint = 0, 0.0
-    histories: list[list[tuple[int, float]]] = [[] for _ in family.members]
+    histories: list[list[list[tuple[int, float]]]] = [[[] for _ in weights] for _ in family.members]
     while spent < amount.samples:
         size = min(FIRST if spent == 0 else GENERATION, amount.samples - spent)
         explore(spent, size)
         spent += size
         if spent >= checkpoint or spent >= amount.samples:
-            for history, F in zip(histories, archives.F(family, reached), strict=True):
-                history.append((spent, F))
+            for member, values in zip(histories, archives.F(family, reached), strict=True):
+                for history, F in zip(member, values, strict=True):
+                    history.append((spent, F))
             checkpoint = max(spent, checkpoint) * GROWTH
-            if all(remaining(h) <= amount.tolerance * max(h[-1][1], LEAST) for h in histories):
+            if all(remaining(h) <= amount.tolerance * max(h[-1][1], LEAST) for member in histories for h in member):
                 break
     return [
-        (archives.filled(family, m), Refinement(h, remaining(h), archives.points(m), archives.cells))
-        for m, h in enumerate(histories)
+        (archives.filled(family, m), [Refinement(h, remaining(h), archives.points(m), archives.cells) for h in member])
+        for m, member in enumerate(histories)
     ]
 
 
@@ -118,7 +119,10 @@ def remaining(history: Sequence[tuple[int, float]]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Archives:
-    """Best values and their points: ``best`` (targets, members, slots), ``points`` (targets, members, slots, dof)."""
+    """Best values and their points: ``best`` (targets, members, slots), ``elites`` (targets, members, slots, dof).
+
+    ``weights`` (fields, slots).
+    """
 
     shape: tuple[int, int, int]
     cells: NDArray[np.int64]
@@ -128,18 +132,17 @@ class Archives:
     elites: Array
 
     @classmethod
-    def empty(cls, family: Family, targets: Sequence[Target], weights: Array) -> Archives:
-        """No elites yet; one slot per cell with weight."""
-        flat = weights.ravel()
-        cells = np.flatnonzero(flat > 0)
-        slots = np.full(flat.size, -1, np.int32)
+    def empty(cls, family: Family, targets: Sequence[Target], weights: Sequence[Array]) -> Archives:
+        """No elites yet; one slot per cell with weight in any field."""
+        cells = np.flatnonzero(np.any([field.ravel() > 0 for field in weights], axis=0))
+        slots = np.full(targets[0].grid.cells, -1, np.int32)
         slots[cells] = np.arange(cells.size, dtype=np.int32)
         size = (len(targets), len(family.members), cells.size)
         return cls(
             targets[0].grid.shape,
             cells,
             slots,
-            flat[cells],
+            np.array([field.ravel()[cells] for field in weights]),
             np.full(size, -1.0),
             np.full((*size, family.arm.dof), np.nan),
         )
@@ -149,11 +152,11 @@ class Archives:
         best = self.best[:, member]
         return np.where(best >= family.members[member].threshold, np.clip(best, 0.0, 1.0), 0.0)
 
-    def F(self, family: Family, reached: bool = False) -> list[float]:
-        """Weighted mean over cells (of 1 where ``reached``), averaged over targets, of every member."""
-        total = max(float(self.weights.sum()), 1e-300)
-        values = (self.values(family, m) for m in range(len(family.members)))
-        return [float((((v > 0) if reached else v).mean(axis=0) * self.weights).sum() / total) for v in values]
+    def F(self, family: Family, reached: bool = False) -> list[list[float]]:
+        """Weighted mean over cells (of 1 where ``reached``), averaged over targets, of every member and field."""
+        members = (self.values(family, m) for m in range(len(family.members)))
+        means = [((v > 0) if reached else v).mean(axis=0) for v in members]
+        return [[float((mean * w).sum() / max(float(w.sum()), 1e-300)) for w in self.weights] for mean in means]
 
     def filled(self, family: Family, member: int) -> list[Filled]:
         """The targets' grids."""

@@ -69,10 +69,11 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """Everything that one evaluation needs, built and validated."""
+    """Everything that one evaluation needs, built and validated; the keys tell dexterities and operators apart."""
 
     arm: Arm
     index: DexterityIndex
+    index_key: str
     normaliser: float | None
     threshold: float
     layout: Layout
@@ -193,7 +194,7 @@ class Volumes:
         grid = Grid.covering(box, 4 * h).halved.halved
         amount = replace(self.setup.sampling, samples=VOLUME_EVALUATIONS, tolerance=VOLUME_TOLERANCE)
         targets, stream = [Target(grid, right), Target(grid, left)], joint_stream(self.setup, 0)
-        refined = refine(self.family, targets, np.ones(grid.shape), stream, amount, reached=True)
+        refined = refine(self.family, targets, [np.ones(grid.shape)], stream, amount, reached=True)
         return [Reached(h, *(side.values > 0 for side in sides)) for sides, _ in refined]
 
     @property
@@ -238,39 +239,55 @@ class Measurement:
         return self.volumes.reached[self.member]
 
 
-def measure(setups: Sequence[Setup], grid: Grid, fields: Sequence[ErgonomicField]) -> list[Measurement]:
-    """Evaluate setups that differ in their dexterity alone, from the same samples and kinematics.
+def measure(setups: Sequence[Setup], grid: Grid, fields: Sequence[Sequence[ErgonomicField]]) -> list[Measurement]:
+    """Evaluate setups that differ in their dexterity and operator alone, from the same samples and kinematics.
 
     Parameters
     ----------
     setups
-        One or more; arm, layout, human, voxels and sampling of the first serve all.
+        One or more; arm, layout, voxels and sampling of the first serve all.
     grid
-        E's grid in W, common to all scenarios.
+        E's grid in W, common to all of them.
     fields
-        E on that grid, of replicates 0, 1, ... (:func:`eiwa.core.outcome.ergonomic_field`).
+        For every setup E on that grid, of replicates 0, 1, ... (:func:`eiwa.core.outcome.ergonomic_field`); setups with
+        one operator have the same objects.
     """
-    first = setups[0]
-    family = Family(tuple(prepare(first.arm, s.index, s.normaliser, s.threshold) for s in setups))
-    volumes = Volumes(first, family)
-    filled = [_replicates(first, family, grid, field, number) for number, field in enumerate(fields)]
+    members: dict[str, Dexterity] = {}
+    for s in setups:
+        if s.index_key not in members:
+            members[s.index_key] = prepare(s.arm, s.index, s.normaliser, s.threshold)
+    family = Family(tuple(members.values()))
+    volumes = Volumes(setups[0], family)
+    numbers = {key: number for number, key in enumerate(members)}
+    replicates: list[list[Replicate]] = [[] for _ in setups]
+    for number, Es in enumerate(zip(*fields, strict=True)):
+        distinct = {id(E): E for E in Es}
+        found = _replicates(setups[0], family, grid, list(distinct.values()), number)
+        for mine, setup, E in zip(replicates, setups, Es, strict=True):
+            mine.append(found[numbers[setup.index_key], list(distinct).index(id(E))])
     return [
-        Measurement(setup, dexterity, [replicates[m] for replicates in filled], volumes, m)
-        for m, (setup, dexterity) in enumerate(zip(setups, family.members, strict=True))
+        Measurement(s, members[s.index_key], mine, volumes, numbers[s.index_key])
+        for s, mine in zip(setups, replicates, strict=True)
     ]
 
 
-def _replicates(setup: Setup, family: Family, grid: Grid, E: ErgonomicField, number: int) -> list[Replicate]:
-    """One replicate of every member."""
+def _replicates(
+    setup: Setup, family: Family, grid: Grid, fields: Sequence[ErgonomicField], number: int
+) -> dict[tuple[int, int], Replicate]:
+    """One replicate of every member with every field."""
+    alpha = setup.layout.alpha
     if setup.estimator != "elites":
         pairs = fill_pairs(setup, family, grid, number, setup.sampling)
-        return [Replicate(E, pair, setup.layout.alpha) for pair in pairs]
+        return {(m, f): Replicate(E, pair, alpha) for m, pair in enumerate(pairs) for f, E in enumerate(fields)}
     targets, stream = _targets(setup.layout, grid), joint_stream(setup, number)
-    weights = E.left + E.right
+    weights = [E.left + E.right for E in fields]
     if len(targets) == 1:  # the mirror image falls on the mirrored cells
-        weights = (weights + weights[::-1]) / 2
-    refined = refine(family, targets, weights, stream, setup.sampling)
-    return [Replicate(E, _pair(grid, sides), setup.layout.alpha, refinement) for sides, refinement in refined]
+        weights = [(w + w[::-1]) / 2 for w in weights]
+    result: dict[tuple[int, int], Replicate] = {}
+    for m, (sides, refinements) in enumerate(refine(family, targets, weights, stream, setup.sampling)):
+        pair = _pair(grid, sides)
+        result |= {(m, f): Replicate(E, pair, alpha, refinements[f]) for f, E in enumerate(fields)}
+    return result
 
 
 def metrics(measurement: Measurement) -> dict[str, float | None]:

@@ -1,11 +1,14 @@
-"""Arithmetic in study files: numbers, names, + - * / **, parentheses; nothing else, so nothing can be run."""
+"""Arithmetic in study files: numbers, names, + - * / **, parentheses; nothing else, so nothing can be run.
+
+A name is a variable's (``reach``) or a path (``arm.joints.upper.a``, ``layout.offset[1]``).
+"""
 
 from __future__ import annotations
 
 import ast
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
@@ -34,25 +37,27 @@ class Expression:
     def _root(self) -> ast.expr:
         try:
             root = ast.parse(self.text, mode="eval").body
+            self._check(root)
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             raise SpecError(finding(self.path, "is not an expression.", value=self.text, remedy=ALLOWED)) from None
-        for node in ast.walk(root):
-            self._check(node)
         return root
 
     def _check(self, node: ast.AST) -> None:
         number = isinstance(node, ast.Constant) and type(node.value) in (int, float)
-        passive = isinstance(node, ast.Name | ast.BinOp | ast.UnaryOp | ast.expr_context) or number
-        known = type(node) in _BINARY or type(node) in _UNARY
-        if not (passive or known):
+        if number or _name(node):
+            return
+        known = isinstance(node, ast.BinOp | ast.UnaryOp) or type(node) in _BINARY or type(node) in _UNARY
+        if not known:
             what = type(node).__name__.lower()
             problem = f"{'an' if what[0] in 'aeiou' else 'a'} {what} is not allowed here."
             raise SpecError(finding(self.path, problem, value=self.text, remedy=ALLOWED))
+        for part in ast.iter_child_nodes(node):
+            self._check(part)
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """Variables that the expression reads."""
-        return frozenset(node.id for node in ast.walk(self._root) if isinstance(node, ast.Name))
+        """Variables and paths that the expression reads."""
+        return frozenset(_names(self._root))
 
     def evaluate(self, values: Mapping[str, float]) -> float:
         """The expression's value; raises SpecError for a division by zero, an overflow or a complex power."""
@@ -75,10 +80,67 @@ class Expression:
             return value
         if isinstance(node, ast.UnaryOp):
             return _UNARY[type(node.op)](self._value(node.operand, values))
-        if isinstance(node, ast.Name):
-            return values[node.id]
+        if name := _name(node):
+            if name not in values:
+                raise SpecError(finding(self.path, f"{name} has no value here.", value=self.text, remedy=ALLOWED))
+            return values[name]
         assert isinstance(node, ast.Constant) and isinstance(node.value, int | float)
         return float(node.value)
+
+
+ROUNDING = 1e-9
+"""What is forgiven to either side of an inequality."""
+
+
+@dataclass(frozen=True)
+class Inequality:
+    """``a <= b``, ``a >= b`` or a chain ``a <= b <= c`` of expressions, and the TOML path it was written at."""
+
+    path: str
+    text: str
+
+    @cached_property
+    def _pairs(self) -> list[tuple[Expression, Expression]]:
+        """(smaller, larger) sides."""
+        try:
+            root = ast.parse(self.text, mode="eval").body
+        except (SyntaxError, ValueError, RecursionError, MemoryError):
+            root = None
+        if not isinstance(root, ast.Compare) or not all(isinstance(op, ast.LtE | ast.GtE) for op in root.ops):
+            remedy = "Write it with <= or >=, as in 'upper + lower <= 0.44'."
+            raise SpecError(finding(self.path, "is not an inequality.", value=self.text, remedy=remedy))
+        sides = [Expression(self.path, ast.unparse(side)) for side in (root.left, *root.comparators)]
+        pairs = zip(root.ops, sides[:-1], sides[1:], strict=True)
+        return [(a, b) if isinstance(op, ast.LtE) else (b, a) for op, a, b in pairs]
+
+    @cached_property
+    def names(self) -> frozenset[str]:
+        """Variables and paths that it reads."""
+        return frozenset(name for pair in self._pairs for side in pair for name in side.names)
+
+    def violation(self, values: Mapping[str, float]) -> float:
+        """By how much it is not met, <= 0 where it is; rounding of 1e-9 is forgiven."""
+        return max(a.evaluate(values) - b.evaluate(values) for a, b in self._pairs) - ROUNDING
+
+
+def _name(node: ast.AST) -> str:
+    """``reach``, ``arm.joints.upper.a``; ``layout.offset[1]`` as ``layout.offset.1``; empty for anything else."""
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Attribute) and (inner := _name(node.value)):
+        return f"{inner}.{node.attr}"
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant) and type(node.slice.value) is int:
+        inner = _name(node.value)
+        return f"{inner}.{node.slice.value}" if inner else ""
+    return ""
+
+
+def _names(node: ast.AST) -> Iterator[str]:
+    if name := _name(node):
+        yield name
+        return
+    for part in ast.iter_child_nodes(node):
+        yield from _names(part)
 
 
 def in_order(expressions: Mapping[str, Expression], known: frozenset[str]) -> list[str]:

@@ -18,15 +18,15 @@ from eiwa.core.tree import Tree, did_you_mean, leaves
 REPLACEABLE = tuple(section for section in SECTIONS if section != "metrics")
 
 
-def named_design(name: str, table: Any, registry: Registry) -> DesignSection:
-    """A table ``[designs.NAME]``, what it takes ``from`` another file written out.
+def named_design(name: str, table: Any, registry: Registry, within: str = "designs") -> DesignSection:
+    """A table ``[designs.NAME]`` (or one like it elsewhere), what it takes ``from`` another file written out.
 
     Raises
     ------
     SpecError
         It says something that no design can.
     """
-    path = f"designs.{name}"
+    path = f"{within}.{name}"
     if not isinstance(table, dict):
         raise SpecError(finding(path, f"must be a table: write [{path}].", value=table))
     overrides = _tables(f"{path}.from", table["from"], registry) if "from" in table else {}
@@ -60,7 +60,7 @@ def _tables(path: str, name: Any, registry: Registry) -> Tree:
 
 def refuse_unquoted(table: str, path: str, value: Any) -> None:
     """A path without quotes is a table in TOML; tell which quotes are missing."""
-    if isinstance(value, dict):
+    if isinstance(value, dict) and "." not in path:
         whole, inner = next(iter(leaves(value, path)))
         shown = inner if isinstance(inner, int | float) else repr(inner)
         remedy = f'Quote the whole path: "{whole}" = {shown}.'
@@ -69,7 +69,7 @@ def refuse_unquoted(table: str, path: str, value: Any) -> None:
 
 def parted(overrides: Mapping[str, Any]) -> tuple[Tree, dict[str, Any]]:
     """Whole tables, and values at paths, which go into what the tables say."""
-    tables = {path: value for path, value in overrides.items() if isinstance(value, dict)}
+    tables = {path: value for path, value in overrides.items() if isinstance(value, dict) and "." not in path}
     return tables, {path: value for path, value in overrides.items() if path not in tables}
 
 

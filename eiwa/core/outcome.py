@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from eiwa.core.design import Design
 from eiwa.core.errors import PluginError, SpecError, blaming, finding, name_of
 from eiwa.core.evaluation import Measurement, Setup, ergonomic_grid, field_stream, measure, metrics
-from eiwa.core.interfaces import ErgonomicField, HumanModel
+from eiwa.core.interfaces import ErgonomicField, HumanModel, Operator
 from eiwa.core.memory import require_memory
-from eiwa.core.sections import ObjectiveSection
-from eiwa.core.spec import REFERENCE, Scenario, StudySpec
+from eiwa.core.scenarios import REFERENCE, Scenario
+from eiwa.core.sections import Aggregated, ObjectiveSection
+from eiwa.core.spec import StudySpec
 from eiwa.core.workspace import Grid
 
 MISFIT_FLOOR = 1e-4
@@ -26,25 +29,37 @@ Numbers = Mapping[str, float | None]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one design came to: numbers per scenario label (the reference's is empty), values, violations (<= 0: met)."""
+    """What one design came to, by scenario label (the reference's is empty) and number, and in every replicate."""
 
     scenarios: Mapping[str, Numbers]
     objectives: Sequence[float | None]
-    violations: Sequence[float]
+    violations: Sequence[float | None]
+    """Of every constraint, <= 0 where it is met; None where it says nothing about this design."""
     replicates: int
-    replicated: Mapping[str, Sequence[float]]
-    """Number -> its value in every replicate, at the reference: what paired comparisons need."""
+    operators: Mapping[str, Operator]
+    """How the operator sat, by scenario label: what they adjusted is in here."""
+    replicated: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
+    """Scenario label -> number -> its value in every replicate: what paired comparisons need; empty for one replicate."""
+    replicated_objectives: Sequence[Sequence[float] | None] = ()
 
     @property
     def feasible(self) -> bool:
-        """Whether every constraint is met."""
-        return all(v <= 0 for v in self.violations)
+        """Whether no constraint is broken."""
+        return all(v is None or v <= 0 for v in self.violations)
 
 
-def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1, *, named: bool = False) -> Outcome:
+def evaluate(
+    spec: StudySpec,
+    overrides: Mapping[str, Any],
+    replicates: int = 1,
+    *,
+    parameters: Mapping[str, float] | None = None,
+    named: bool = False,
+) -> Outcome:
     """Evaluate a design under every scenario, then its objectives and constraints.
 
-    ``named`` says that the overrides are a named design's own: an objective over all named designs then has no value.
+    ``parameters`` are the variables that gave the overrides. ``named`` says that the overrides are a named design's own:
+    an objective over all named designs then has no value.
 
     Raises
     ------
@@ -53,23 +68,76 @@ def evaluate(spec: StudySpec, overrides: Mapping[str, Any], replicates: int = 1,
     """
     measured = {s.label: m for s, m in measurements(spec, overrides, spec.scenarios, replicates)}
     scenarios = {label: declared(spec, metrics(m), m.setup) for label, m in measured.items()}
-    reference = scenarios[REFERENCE.label]
-    violations = []
-    for constraint in spec.constraints:
-        violations.append(constraint.violation(_number(reference, constraint.metric, "constraints")))
-    objectives = [
-        None if named and objective.over == "designs" else _objective(spec, objective, scenarios, overrides)
-        for objective in spec.objectives
+    alone = _alone(measured) if replicates > 1 else []
+    objectives: list[float | None] = []
+    spread: list[list[float] | None] = []
+    for objective in spec.objectives:
+        if objective.formula is None:
+            objectives.append(None if named else misfit(spec, overrides))
+            spread.append(None)
+        else:
+            objectives.append(_objective(objective, scenarios))
+            spread.append([_objective(objective, numbers) for numbers in alone] or None)
+    return Outcome(
+        scenarios,
+        objectives,
+        _violations(spec, scenarios, spec.inequalities(overrides, parameters or {})),
+        replicates,
+        {label: m.setup.operator for label, m in measured.items()},
+        _by_number(alone),
+        spread,
+    )
+
+
+def _alone(measured: Mapping[str, Measurement]) -> list[dict[str, Numbers]]:
+    """The numbers under every scenario of each replicate by itself."""
+    count = len(measured[REFERENCE.label].replicates)
+    return [
+        {label: metrics(replace(m, replicates=[m.replicates[k]])) for label, m in measured.items()}
+        for k in range(count)
     ]
-    replicated = {"F": replicate_values(measured[REFERENCE.label])} if replicates > 1 else {}
-    return Outcome(scenarios, objectives, violations, replicates, replicated)
 
 
-def replicate_values(measurement: Measurement) -> list[float]:
-    """F of every replicate."""
-    metric = measurement.setup.metrics["F"]
-    alone = [metric(replace(measurement, replicates=[replicate]))["F"] for replicate in measurement.replicates]
-    return [value for value in alone if value is not None]
+def _by_number(alone: Sequence[Mapping[str, Numbers]]) -> dict[str, dict[str, list[float]]]:
+    """Scenario label -> number -> values, of the numbers that every replicate has by itself."""
+    result: dict[str, dict[str, list[float]]] = {}
+    for label, first in alone[0].items() if alone else ():
+        columns = {name: [numbers[label][name] for numbers in alone] for name in first}
+        result[label] = {n: [v for v in values if v is not None] for n, values in columns.items() if None not in values}
+    return result
+
+
+def _violations(
+    spec: StudySpec, scenarios: Mapping[str, Numbers], inequalities: Sequence[float | None]
+) -> list[float | None]:
+    found = []
+    for constraint, violation in zip(spec.constraints, inequalities, strict=True):
+        if constraint.metric is not None:
+            violation = constraint.violation(
+                [_number(numbers, constraint.metric, "constraints") for numbers in _seen(constraint, scenarios)]
+            )
+        found.append(violation)
+    return found
+
+
+def _seen(what: Aggregated, scenarios: Mapping[str, Numbers]) -> list[Numbers]:
+    """The numbers of the scenarios that an objective or constraint looks at."""
+    return list(scenarios.values()) if what.over == "scenarios" else [scenarios[REFERENCE.label]]
+
+
+def _objective(objective: ObjectiveSection, scenarios: Mapping[str, Numbers]) -> float:
+    needed = [
+        {n: _number(numbers, n, "objectives") for n in objective.numbers} for numbers in _seen(objective, scenarios)
+    ]
+    return objective.value(needed)
+
+
+def candidates(design: Design, seed: int) -> list[Setup]:
+    """The design's setup, once for every way in which its operator may sit."""
+    setup, adjust = design.setup(seed), design.adjust
+    armrests = adjust.armrest.values if adjust.armrest else [setup.operator.armrest]
+    seats = adjust.seat.values if adjust.seat else [setup.operator.seat]
+    return [replace(setup, operator=Operator(armrest, seat)) for seat in seats for armrest in armrests]
 
 
 def measurements(
@@ -80,22 +148,32 @@ def measurements(
 ) -> list[tuple[Scenario, Measurement]]:
     """The design's measurement under each scenario, on one grid per voxel size that covers E of all of them.
 
-    Scenarios that differ in the dexterity index alone share samples and kinematics.
+    Scenarios that differ in the operator, or in the parameters of the dexterity index alone, share samples and kinematics;
+    so do the ways in which an operator may sit, of which the one with the largest F of replicate 0 is taken.
     """
     designs = [spec.design({**overrides, **s.overrides}) for s in scenarios]
-    setups = [d.setup(spec.study.seed) for d in designs]
-    boxes = [bounds(s) for s in setups]
+    setups = [candidates(d, spec.study.seed) for d in designs]
+    boxes = [bounds(setup) for options in setups for setup in options]
     families: dict[str, list[int]] = {}
     for number, design in enumerate(designs):
-        families.setdefault(design.kinematics, []).append(number)
+        families.setdefault(design.masters, []).append(number)
     result: dict[int, Measurement] = {}
     for numbers in families.values():
-        first = setups[numbers[0]]
-        grid = ergonomic_grid(boxes, first.r)
-        require_memory(grid.cells, first.backend, first.r)
-        fields = [ergonomic_field(first, grid, k) for k in range(replicates)]
-        result.update(zip(numbers, measure([setups[n] for n in numbers], grid, fields), strict=True))
+        family = [setup for n in numbers for setup in setups[n]]
+        grid = ergonomic_grid(boxes, family[0].r)
+        require_memory(grid.cells, family[0].backend, family[0].r)
+        fields = [[ergonomic_field(setup, grid, k) for k in range(replicates)] for setup in family]
+        measured = iter(measure(family, grid, fields))
+        for n in numbers:
+            options = [next(measured) for _ in setups[n]]
+            result[n] = max(options, key=_F) if len(options) > 1 else options[0]
     return [(scenario, result[number]) for number, scenario in enumerate(scenarios)]
+
+
+def _F(measurement: Measurement) -> float:
+    """F of replicate 0."""
+    first = replace(measurement, replicates=measurement.replicates[:1])
+    return measurement.setup.metrics["F"](first)["F"] or 0.0
 
 
 def misfit(spec: StudySpec, overrides: Mapping[str, Any]) -> float:
@@ -109,22 +187,6 @@ def misfit(spec: StudySpec, overrides: Mapping[str, Any]) -> float:
                 value = _number(numbers, name, "designs")
                 squares.append(math.log((value + MISFIT_FLOOR) / (published + MISFIT_FLOOR)) ** 2)
     return math.sqrt(sum(squares) / len(squares))
-
-
-def _objective(
-    spec: StudySpec,
-    objective: ObjectiveSection,
-    scenarios: Mapping[str, Numbers],
-    overrides: Mapping[str, Any],
-) -> float:
-    if objective.over == "designs":
-        return misfit(spec, overrides)
-    assert objective.metric is not None
-    labels = list(scenarios) if objective.over == "scenarios" else [REFERENCE.label]
-    values = [_number(scenarios[label], objective.metric, "objectives") for label in labels]
-    if objective.aggregate == "mean":
-        return sum(values) / len(values)
-    return min(values) if objective.aggregate == "min" else max(values)
 
 
 def _number(numbers: Numbers, name: str, table: str) -> float:
@@ -170,8 +232,9 @@ def bounds(setup: Setup) -> NDArray[np.float64]:
     return box
 
 
-_fields: dict[Any, ErgonomicField] = {}
-KEPT_FIELDS = 32
+_fields: OrderedDict[Any, ErgonomicField] = OrderedDict()
+FIELDS = 256 << 20
+"""Bytes of ergonomic fields that are kept; those of the evaluation at hand are kept by itself."""
 
 
 def ergonomic_field(setup: Setup, grid: Grid, replicate: int) -> ErgonomicField:
@@ -179,12 +242,13 @@ def ergonomic_field(setup: Setup, grid: Grid, replicate: int) -> ErgonomicField:
     stream = field_stream(setup.seed, replicate)
     key = (setup.human_key, setup.operator, grid, stream)
     if key not in _fields:
-        if len(_fields) >= KEPT_FIELDS:
-            del _fields[next(iter(_fields))]
         with blaming(setup.human):
-            field = setup.human.field(grid, setup.operator, stream)
-        _refuse_field(setup.human, field, grid)
-        _fields[key] = field
+            found = setup.human.field(grid, setup.operator, stream)
+        _refuse_field(setup.human, found, grid)
+        _fields[key] = found
+        while len(_fields) > 1 and sum(E.right.nbytes + E.left.nbytes for E in _fields.values()) > FIELDS:
+            _fields.popitem(last=False)
+    _fields.move_to_end(key)
     return _fields[key]
 
 

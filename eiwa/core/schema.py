@@ -34,7 +34,7 @@ def schema(registry: Registry, part: bool = False) -> Schema:
         **tables,
         "metrics": _metrics(registry, definitions),
         **_search(definitions),
-        "scenarios": _paths(_list({}, least=1), "Paths with lists of values: every design is evaluated under each."),
+        "scenarios": _scenarios(registry, definitions),
         **_goals(registry, definitions),
         "designs": {
             "type": "object",
@@ -95,6 +95,22 @@ def _search(definitions: Schema) -> Schema:
     }
     described = {"description": "Numbers that the sampler chooses, and expressions of them."}
     return {"variables": variables | described, "search": _paths(either, "Paths, and what the search puts there.")}
+
+
+def _scenarios(registry: Registry, definitions: Schema) -> Schema:
+    """Paths with lists or grids of values, and named tables of settings."""
+    axis = {"anyOf": [_list({}, least=1), _own(sections.GridSection, definitions)]}
+    named = _design(registry, definitions)
+    del named["properties"]["published"]
+    taken = dict.fromkeys(SECTIONS, False)
+    text = "Settings under which every design is evaluated: paths with values, or [scenarios.NAME]."
+    return {
+        "type": "object",
+        "description": text,
+        "properties": taken,
+        "patternProperties": {PATH: axis},
+        "additionalProperties": named,
+    }
 
 
 def _goals(registry: Registry, definitions: Schema) -> Schema:

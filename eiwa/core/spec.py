@@ -8,7 +8,6 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +19,7 @@ from eiwa.core.expressions import Expression, in_order
 from eiwa.core.findings import validated
 from eiwa.core.named import named_design, parted, pinned, refuse_unquoted
 from eiwa.core.registry import Registry
+from eiwa.core.scenarios import Scenario, scenarios
 from eiwa.core.sections import ConstraintSection, DesignSection, ObjectiveSection, RangeSection, StudySection
 from eiwa.core.tree import Tree, did_you_mean, exists, leaves, lookup, replaced
 
@@ -27,19 +27,7 @@ TABLES = (
     "study", "plugins", *SECTIONS, "variables", "search", "scenarios", "objectives", "constraints", "designs",
     "assumptions",
 )  # fmt: skip
-MAX_SCENARIOS = 64
 M = TypeVar("M", ObjectiveSection, ConstraintSection)
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """A setting under which every design is evaluated; the reference has no overrides and an empty label."""
-
-    label: str
-    overrides: Mapping[str, Any]
-
-
-REFERENCE = Scenario("", {})
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +53,8 @@ class StudySpec:
     @cached_property
     def needed(self) -> frozenset[str]:
         """Metric numbers that objectives, constraints and published values read."""
-        named = {o.metric for o in self.objectives if o.metric} | {c.metric for c in self.constraints}
+        named = {number for o in self.objectives for number in o.numbers}
+        named |= {c.metric for c in self.constraints if c.metric}
         return frozenset(named | {metric for d in self.designs.values() for metric in d.published})
 
     @cached_property
@@ -87,8 +76,8 @@ class StudySpec:
             return self.defaults
         return {**self.defaults, **design({**self.tree, **tables}, self.registry).resolved()}
 
-    def overrides(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Values at the searched paths, from the sampler's parameters.
+    def values(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Values of all variables, from those that the sampler chose.
 
         Raises
         ------
@@ -98,7 +87,26 @@ class StudySpec:
         values = dict(parameters)
         for name in self._order:
             values[name] = self.expressions[name].evaluate(values)
+        return values
+
+    def overrides(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Values at the searched paths, from the sampler's parameters; raises as :meth:`values`."""
+        values = self.values(parameters)
         return {path: values[name] for path, name in self.searched.items()}
+
+    def inequalities(self, overrides: Mapping[str, Any], parameters: Mapping[str, float]) -> list[float | None]:
+        """Violation of every constraint that is an inequality; None for others, and where a variable has no value.
+
+        A named design gives its overrides alone, so an inequality that reads variables says nothing about it.
+        """
+        known: dict[str, Any] = {**self.values(parameters), **overrides} if parameters else dict(overrides)
+        resolved = self.defaults_with(parted(overrides)[0])
+        found: list[float | None] = []
+        for inequality in (c.inequality for c in self.constraints):
+            names = inequality.names if inequality else frozenset()
+            known |= {n: lookup(resolved, n) for n in names if n not in known and exists(resolved, n)}
+            found.append(inequality.violation(known) if inequality and names <= known.keys() else None)
+        return found
 
     @cached_property
     def resolved(self) -> Tree:
@@ -108,7 +116,7 @@ class StudySpec:
         tree["variables"] = {n: r.model_dump(mode="json") for n, r in self.ranges.items()}
         tree["variables"] |= {n: e.text for n, e in self.expressions.items()}
         tree["search"] = dict(self.searched)
-        tree["scenarios"] = {s.label: dict(s.overrides) for s in self.scenarios}
+        tree["scenarios"] = {s.label or s.title: dict(s.overrides) for s in self.scenarios}
         tree["objectives"] = [o.model_dump(mode="json") for o in self.objectives]
         tree["constraints"] = [c.model_dump(mode="json") for c in self.constraints]
         tree["designs"] = {name: d.model_dump(mode="json") for name, d in self.designs.items()}
@@ -201,7 +209,7 @@ def check(tree: Tree, path: Path) -> StudySpec:
     try:
         spec = StudySpec(
             path, tree, registry, validated(StudySection, tree.get("study", {}), "study"), *_search(tree),
-            scenarios=_scenarios(tree, defaults),
+            scenarios=scenarios(_table(tree, "scenarios"), tree, defaults, registry),
             objectives=_list(tree, "objectives", ObjectiveSection),
             constraints=_list(tree, "constraints", ConstraintSection),
             designs={n: named_design(n, t, registry) for n, t in _table(tree, "designs").items()},
@@ -220,13 +228,15 @@ def check(tree: Tree, path: Path) -> StudySpec:
 def _pinned(spec: StudySpec) -> StudySpec:
     """The study with the files that it names known by their content: one that changes later is told."""
     tree = {**spec.tree, **{s: pinned(spec.tree[s], spec.defaults.get(s)) for s in SECTIONS if s in spec.tree}}
-    designs = {}
-    for name, section in spec.designs.items():
-        resolved = spec.design(section.overrides).resolved()
-        at = {p: lookup(resolved, p) if exists(resolved, p) else None for p in section.overrides}
-        overrides = {p: pinned(value, at[p]) for p, value in section.overrides.items()}
-        designs[name] = section.model_copy(update={"overrides": overrides})
-    return replace(spec, tree=tree, designs=designs)
+
+    def at(overrides: Mapping[str, Any]) -> dict[str, Any]:
+        resolved = spec.design(overrides).resolved()
+        return {p: pinned(v, lookup(resolved, p) if exists(resolved, p) else None) for p, v in overrides.items()}
+
+    designs = {n: d.model_copy(update={"overrides": at(d.overrides)}) for n, d in spec.designs.items()}
+    return replace(
+        spec, tree=tree, designs=designs, scenarios=[replace(s, overrides=at(s.overrides)) for s in spec.scenarios]
+    )
 
 
 def _plugin_files(tree: Tree, path: Path) -> list[tuple[Path, str, str]]:
@@ -281,25 +291,6 @@ def _metric_defaults(registry: Registry, base: Design) -> Tree:
         if not any(field.is_required() for field in model.model_fields.values()):
             tree.setdefault(entry.plugin.name, model().model_dump(mode="json"))
     return tree
-
-
-def _scenarios(tree: Tree, defaults: Tree) -> list[Scenario]:
-    """The reference, then every combination of the listed values that differs from it."""
-    lists = _table(tree, "scenarios")
-    for path, values in lists.items():
-        if not (isinstance(values, list) and values):
-            remedy = 'Write "dexterity.K" = [50, 12270]; quote the path.'
-            raise SpecError(finding(f'scenarios."{path}"', "must be a list of values.", value=values, remedy=remedy))
-    current = {path: lookup(defaults, path) if exists(defaults, path) else None for path in lists}
-    found = {REFERENCE.label: REFERENCE}
-    for combination in product(*lists.values()):
-        overrides = {p: v for p, v in zip(lists, combination, strict=True) if v != current[p]}
-        label = " ".join(f"{p}={v}" for p, v in overrides.items())
-        found.setdefault(label, Scenario(label, overrides))
-    scenarios = list(found.values())
-    if len(scenarios) > MAX_SCENARIOS:
-        raise SpecError(finding("scenarios", f"{len(scenarios)} combinations; at most {MAX_SCENARIOS} are allowed."))
-    return scenarios
 
 
 def _assumptions(tree: Tree) -> Mapping[str, str]:

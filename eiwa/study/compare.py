@@ -38,13 +38,18 @@ def compare(
     """Both designs evaluated on the same random streams, and F(a) - F(b) with its error."""
     outcomes = [evaluate(spec, overrides, replicates, named=True) for overrides in (a, b)]
     rest = max(o.scenarios[""].get("F_remaining") or 0.0 for o in outcomes)
-    first, second = (o.replicated["F"] for o in outcomes)
+    first, second = (o.replicated[""]["F"] for o in outcomes)
     return outcomes, paired(first, second, rest)
 
 
-def tied(best: Row, other: Row) -> bool | None:
-    """Whether two stored rows cannot be told apart; None where they were not replicated alike."""
-    a, b = best.get("replicated.F"), other.get("replicated.F")
+def tied(best: Row, other: Row, objective: int = 0) -> bool | None:
+    """Whether two stored rows' objectives (F where there is none) cannot be told apart; None where not replicated alike."""
+    column = (
+        f"replicated.objectives.{objective}"
+        if best.get(f"replicated.objectives.{objective}")
+        else "replicated.metrics.F"
+    )
+    a, b = best.get(column), other.get(column)
     if not a or not b or len(a) != len(b) or len(a) < 2:
         return None
     rest = max(best.get("metrics.F_remaining") or 0.0, other.get("metrics.F_remaining") or 0.0)

@@ -10,7 +10,7 @@ from typing import Any
 from eiwa.core.elites import LEAST
 from eiwa.core.evaluation import Setup, ergonomic_grid
 from eiwa.core.memory import memory, require_memory
-from eiwa.core.outcome import bounds, evaluate
+from eiwa.core.outcome import bounds, candidates, evaluate
 from eiwa.core.spec import StudySpec, check
 from eiwa.core.tree import replaced
 from eiwa.study.converge import bare
@@ -43,7 +43,7 @@ def estimate(spec: StudySpec) -> Cost:
 
     Elites stop when they have converged, so one of their evaluations is measured as it is.
     """
-    setups = [spec.design(s.overrides).setup(spec.study.seed) for s in spec.scenarios]
+    setups = [s for scenario in spec.scenarios for s in candidates(spec.design(scenario.overrides), spec.study.seed)]
     boxes = [bounds(s) for s in setups]
     grids = [ergonomic_grid(boxes, setup.r) for setup in setups]
     for grid, setup in zip(grids, setups, strict=True):

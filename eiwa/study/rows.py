@@ -1,12 +1,13 @@
 """What one Parquet row holds: the design, its numbers, and how they were made.
 
 Columns of a row (floats unless said): ``kind`` (design, trial, leader), ``name`` (of a named design), ``number`` (of a
-trial), ``state`` (COMPLETE, FAIL), ``message``, ``feasible``, ``parameters.V``, ``values.PATH`` (what the overrides put
-there), ``objectives.I``, ``constraints.I`` (violation, <= 0 when met), ``metrics.NAME`` at the reference scenario and
-``metrics.NAME@SCENARIO``, ``replicates``,
-``replicated.F`` (F of every replicate), ``overrides`` (JSON), ``spec_hash``, ``seed``, ``versions`` (JSON); and what may
-differ between equal results: ``started`` (UTC), ``seconds``, ``threads``, ``host``, ``pid``, ``cpu``,
-``reused`` and ``computed`` (sets of samples).
+trial), ``state`` (COMPLETE, FAIL, or SKIPPED: an inequality of parameters is broken, so nothing was evaluated),
+``message``, ``feasible``, ``parameters.V``, ``values.PATH`` (what the overrides put there), ``objectives.I``,
+``constraints.I`` (violation, <= 0 when met), ``metrics.NAME`` at the reference scenario and ``metrics.NAME@SCENARIO``,
+``adjusted.armrest`` and ``adjusted.seat`` likewise (what the operator chose), ``replicates``, ``replicated.objectives.I``,
+``replicated.metrics.NAME`` and ``replicated.metrics.NAME@SCENARIO`` (lists: the value in every replicate), ``overrides``
+(JSON), ``spec_hash``, ``seed``, ``versions`` (JSON); and what may differ between equal results: ``started`` (UTC),
+``seconds``, ``threads``, ``host``, ``pid``, ``cpu``, ``reused`` and ``computed`` (sets of samples).
 """
 
 from __future__ import annotations
@@ -55,12 +56,17 @@ class Task:
 def schema(spec: StudySpec) -> pa.Schema:
     """The columns of a study's rows."""
     numbers = [n.name for plugin, _ in spec.design({}).metrics.values() for n in plugin.numbers]
+    labels = [s.label for s in spec.scenarios]
     valued = [(p, v) for d in spec.designs.values() for p, v in parted(d.overrides)[1].items()]
     paths = dict(sorted([*valued, *((p, 0.0) for p in spec.searched)]))
     reals = [f"parameters.{name}" for name in spec.ranges]
     reals += [f"objectives.{i}" for i in range(len(spec.objectives))]
     reals += [f"constraints.{i}" for i in range(len(spec.constraints))]
-    reals += [metric_column(n, s.label) for s in spec.scenarios for n in numbers]
+    measured = [metric_column(n, label) for label in labels for n in numbers]
+    reals += measured
+    reals += [f"adjusted.{what}{at(label)}" for label in labels for what in adjustable(spec)]
+    lists = [f"replicated.objectives.{i}" for i in range(len(spec.objectives))]
+    lists += [f"replicated.{column}" for column in measured]
     resolved = spec.design({}).resolved()
     fields = [
         *((c, pa.string()) for c in ("kind", "name")),
@@ -70,7 +76,7 @@ def schema(spec: StudySpec) -> pa.Schema:
         *((f"values.{p}", _type(lookup(resolved, p) if exists(resolved, p) else v)) for p, v in paths.items()),
         *((c, pa.float64()) for c in reals),
         ("replicates", pa.int64()),
-        ("replicated.F", pa.list_(pa.float64())),
+        *((c, pa.list_(pa.float64())) for c in lists),
         *((c, pa.string()) for c in ("overrides", "spec_hash")),
         ("seed", pa.int64()),
         ("versions", pa.string()),
@@ -88,7 +94,18 @@ def schema(spec: StudySpec) -> pa.Schema:
 
 def metric_column(number: str, label: str = "") -> str:
     """Column of a metric's number under a scenario."""
-    return f"metrics.{number}@{label}" if label else f"metrics.{number}"
+    return f"metrics.{number}{at(label)}"
+
+
+def at(label: str) -> str:
+    """What a column's name ends with under a scenario."""
+    return f"@{label}" if label else ""
+
+
+def adjustable(spec: StudySpec) -> list[str]:
+    """What operators adjust under some scenario."""
+    found = [spec.design(s.overrides).adjust for s in spec.scenarios]
+    return [what for what in ("armrest", "seat") if any(getattr(adjust, what) for adjust in found)]
 
 
 def row(spec: StudySpec, task: Task) -> Row:
@@ -119,19 +136,42 @@ def row(spec: StudySpec, task: Task) -> Row:
 
 
 def _numbers(spec: StudySpec, task: Task) -> Row:
-    outcome = evaluate(spec, task.overrides, task.replicates, named=task.kind == "design")
+    parameters = task.parameters or {}
+    violations = spec.inequalities(task.overrides, parameters)
+    broken = [c.label for c, v in zip(spec.constraints, violations, strict=True) if v is not None and v > 0]
+    if broken and task.kind == "trial":
+        message = f"not evaluated: {' and '.join(broken)} not met"
+        return {"state": "SKIPPED", "message": message, "feasible": False, **_indexed("constraints", violations)}
+    outcome = evaluate(spec, task.overrides, task.replicates, parameters=parameters, named=task.kind == "design")
     numbers = {
         metric_column(name, label): value
         for label, metrics in outcome.scenarios.items()
         for name, value in metrics.items()
     }
-    values: Sequence[tuple[str, Sequence[float | None]]] = (
-        ("objectives", outcome.objectives),
-        ("constraints", outcome.violations),
-    )
-    indexed = {f"{kind}.{i}": value for kind, items in values for i, value in enumerate(items)}
-    replicated = {f"replicated.{name}": list(values) for name, values in outcome.replicated.items()}
-    return {"state": "COMPLETE", "feasible": outcome.feasible, **numbers, **indexed, **replicated}
+    replicated = {
+        f"replicated.{metric_column(name, label)}": values
+        for label, metrics in outcome.replicated.items()
+        for name, values in metrics.items()
+    }
+    adjusted = {
+        f"adjusted.{what}{at(label)}": getattr(operator, what)
+        for label, operator in outcome.operators.items()
+        for what in adjustable(spec)
+    }
+    return {
+        "state": "COMPLETE",
+        "feasible": outcome.feasible,
+        **numbers,
+        **adjusted,
+        **_indexed("objectives", outcome.objectives),
+        **_indexed("constraints", outcome.violations),
+        **_indexed("replicated.objectives", outcome.replicated_objectives),
+        **replicated,
+    }
+
+
+def _indexed(kind: str, values: Sequence[Any]) -> Row:
+    return {f"{kind}.{i}": value for i, value in enumerate(values)}
 
 
 def provenance(spec: StudySpec) -> Row:

@@ -198,10 +198,16 @@ class Run:
         )
 
     def _objectives(self, result: Row) -> list[float]:
-        return [result[f"objectives.{i}"] for i in range(len(self.spec.objectives))]
+        """What Optuna is told; of a design that was not evaluated the worst that was seen before it."""
+        if result["state"] != "SKIPPED":
+            return [result[f"objectives.{i}"] for i in range(len(self.spec.objectives))]
+        first = result["number"] - result["number"] % self.spec.study.batch
+        seen = [r for r in self.rows if r["kind"] == "trial" and r["state"] == "COMPLETE" and r["number"] < first]
+        worst = [min if o.direction == "maximize" else max for o in self.spec.objectives]
+        return [pick((r[f"objectives.{i}"] for r in seen), default=0.0) for i, pick in enumerate(worst)]
 
     def _violations(self, result: Row) -> list[float]:
-        return [result[f"constraints.{i}"] for i in range(len(self.spec.constraints))]
+        return [result.get(f"constraints.{i}") or 0.0 for i in range(len(self.spec.constraints))]
 
     def _restore_rows(self, study: optuna.Study) -> None:
         """Evaluate again the finished trials whose rows are gone."""

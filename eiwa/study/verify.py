@@ -89,7 +89,7 @@ def _planar() -> Iterator[Check]:
     dexterity = prepare(setup.arm, setup.index, None, 0.0)
     amount = Sampling(1 << 19, tolerance=1e-9)
     ((filled,), _), *_ = refine(
-        Family((dexterity,)), [Target(grid, T)], np.ones(grid.shape), Stream("plain", 1), amount
+        Family((dexterity,)), [Target(grid, T)], [np.ones(grid.shape)], Stream("plain", 1), amount
     )
     supremum = _planar_suprema(a, b, r, grid) / (a * b)
     yield Check("planar arm, sum of the largest Dex per voxel", float(supremum.sum()), float(filled.values.sum()), 0.02)

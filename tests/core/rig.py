@@ -3,6 +3,7 @@
 import numpy as np
 
 from eiwa.core.dexterity import Family
+from eiwa.core.elites import refine
 from eiwa.core.evaluation import Layout, Setup, ergonomic_grid, field_stream, measure
 from eiwa.core.filling import Sampling, fill
 from eiwa.core.interfaces import DexterityIndex, ErgonomicField, HumanModel, Operator, TracedIndex
@@ -58,6 +59,7 @@ def setup(arm=None, index=PAPER_INDEX, layout=None, human=None, **changes):
     """The paper's arm between two hands, or whatever is changed."""
     options = {
         "human_key": "box",
+        "index_key": "index",
         "normaliser": None,
         "threshold": 0.0,
         "operator": Operator(),
@@ -81,7 +83,13 @@ def measured(design, replicates=1):
     """One design on its own human's grid."""
     grid = ergonomic_grid([design.human.bounds(design.operator)], design.r)
     fields = [design.human.field(grid, design.operator, field_stream(design.seed, k)) for k in range(replicates)]
-    return measure([design], grid, fields)[0]
+    return measure([design], grid, [fields])[0]
+
+
+def refine_one(dexterity, targets, weights, stream, amount):
+    """What ``refine`` finds for a family of one and one field of weights: grids, refinement."""
+    ((filled, (refinement,)),) = refine(Family((dexterity,)), targets, [weights], stream, amount)
+    return filled, refinement
 
 
 def fill_one(dexterity, targets, backend, stream, amount):

@@ -13,7 +13,7 @@ from eiwa.core.transforms import inverse, rotation_z, translation
 from eiwa.core.workspace import Grid, Target
 from eiwa.plugins.dexterity.yoshikawa import Yoshikawa
 from tests import arms
-from tests.core.rig import ALL_ROWS, ArrayIndex, stream
+from tests.core.rig import ALL_ROWS, ArrayIndex, refine_one, stream
 from tests.core.supremum import PaperArm, planar_cells
 
 HALF, K = 2.0, 4096.0
@@ -39,7 +39,7 @@ def lows_of(grid):
 def refined():
     """The paper's arm, both sides, 2^20 evaluations."""
     dexterity = prepared()
-    filled, refinement = refine(Family((dexterity,)), TARGETS, WEIGHTS, stream(), Sampling(1 << 20, tolerance=1e-9))[0]
+    filled, refinement = refine_one(dexterity, TARGETS, WEIGHTS, stream(), Sampling(1 << 20, tolerance=1e-9))
     return dexterity, filled, refinement
 
 
@@ -89,7 +89,7 @@ def test_the_same_bits_for_any_number_of_threads(monkeypatch, dtype):
     family, results = Family((prepared(), prepared(factor=200.0))), []
     for threads in ("1", "2", "3"):
         monkeypatch.setenv("EIWA_THREADS", threads)
-        refined = refine(family, TARGETS, WEIGHTS, stream(), Sampling(200_000, dtype))
+        refined = refine(family, TARGETS, [WEIGHTS], stream(), Sampling(200_000, dtype))
         results.append(np.concatenate([side.values.ravel() for filled, _ in refined for side in filled]))
     np.testing.assert_array_equal(results[0], results[1])
     np.testing.assert_array_equal(results[0], results[2])
@@ -100,26 +100,26 @@ def test_a_plain_numpy_index_is_refined_too():
     plain = ArrayIndex(lambda postures: dexterity.index.values(postures, dexterity.prepared))
     other = prepare(dexterity.arm, plain, dexterity.normaliser, 0.0)
     amount = Sampling(1 << 18)
-    (_, fused), (_, array) = (refine(Family((d,)), TARGETS, WEIGHTS, stream(), amount)[0] for d in (dexterity, other))
+    (_, fused), (_, array) = (refine_one(d, TARGETS, WEIGHTS, stream(), amount) for d in (dexterity, other))
     assert array.history[-1][1] == pytest.approx(fused.history[-1][1], rel=1e-3)
 
 
 def test_only_weighted_cells_keep_elites():
     weights = np.zeros(GRID.shape)
     weights[:5] = 1.0
-    filled, refinement = refine(Family((prepared(),)), TARGETS, weights, stream(), Sampling(1 << 18))[0]
+    filled, refinement = refine_one(prepared(), TARGETS, weights, stream(), Sampling(1 << 18))
     assert refinement.cells.size == weights.sum()
     assert filled[0].values[5:].max() == 0.0
 
 
 def test_it_stops_at_the_tolerance_before_the_budget():
-    history = refine(Family((prepared(),)), TARGETS, WEIGHTS, stream(), Sampling(1 << 24, tolerance=0.2))[0][1].history
+    history = refine_one(prepared(), TARGETS, WEIGHTS, stream(), Sampling(1 << 24, tolerance=0.2))[1].history
     assert history[-1][0] < 1 << 20
     assert remaining(history) <= 0.2 * history[-1][1]
 
 
 def test_the_budget_is_kept():
-    _, refinement = refine(Family((prepared(),)), TARGETS, WEIGHTS, stream(), Sampling(300_001, tolerance=1e-9))[0]
+    _, refinement = refine_one(prepared(), TARGETS, WEIGHTS, stream(), Sampling(300_001, tolerance=1e-9))
     assert refinement.history[-1][0] == 300_001
 
 
@@ -139,9 +139,7 @@ def covered(dexterity, targets, weights, truth, seeds, budget):
     hits = 0
     for seed in range(seeds):
         runs = [
-            refine(Family((dexterity,)), targets, weights, stream(key=10 * seed + k), Sampling(budget, tolerance=1e-9))[
-                0
-            ][1]
+            refine_one(dexterity, targets, weights, stream(key=10 * seed + k), Sampling(budget, tolerance=1e-9))[1]
             for k in range(4)
         ]
         values = [run.history[-1][1] for run in runs]
@@ -175,7 +173,7 @@ BOX = Grid(0.01, (10, -15, -15), (30, 30, 30))
 def box_sum(L1, L2, budget):
     dexterity = prepared(L1, L2, normaliser=1.0)
     amount = Sampling(budget, tolerance=1e-9)
-    filled, _ = refine(Family((dexterity,)), [Target(BOX, np.eye(4))], np.ones(BOX.shape), stream(), amount)[0]
+    filled, _ = refine_one(dexterity, [Target(BOX, np.eye(4))], np.ones(BOX.shape), stream(), amount)
     return filled[0].values.sum() * BOX.r**3
 
 

@@ -115,7 +115,7 @@ def test_kept_samples_remember_what_was_valid():
 
 def test_elites_are_valid(arm):
     family = Family((prepare(arm, rig.One(), None, 0.0),))
-    (((filled,), refinement),) = refine(family, [TARGET], np.ones(GRID.shape), rig.stream(), Sampling(1 << 18))
+    (((filled,), (refinement,)),) = refine(family, [TARGET], [np.ones(GRID.shape)], rig.stream(), Sampling(1 << 18))
     elites = refinement.elites[0]
     found = elites[~np.isnan(elites[:, 0])] - 0.5
     assert (found[:, 0] + found[:, 1] <= 1e-12).all()

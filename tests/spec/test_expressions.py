@@ -78,8 +78,9 @@ def test_a_whole_number_is_a_float():
     [
         "max(reach, split)",
         "__import__('os').system('true')",
-        "reach.real",
-        "reach[0]",
+        "reach[split]",
+        "reach['a']",
+        "(reach + 1).real",
         "[1, 2]",
         "(1, 2)",
         "{1: 2}",

@@ -186,7 +186,7 @@ CASES = {
         {REACH: "reach = 0.3"}, "variables.reach = 0.3", "must be a range or an expression"),
     "a search without quotes": ({'"layout.spacing" =': "layout.spacing ="}, 'search."layout"', "quote the path"),
     "a call": ({SPLIT: '"max(reach, split)"'}, 'search."arm.joints.upper.a" = ', "a call is not allowed here"),
-    "an attribute": ({SPLIT: '"reach.real"'}, 'search."arm.joints.upper.a" = ', "attribute is not allowed here"),
+    "an attribute": ({SPLIT: '"reach.real"'}, 'search."arm.joints.upper.a" = ', "reach.real is not a variable"),
     "an unknown name": (
         {SPLIT: '"raech * split"'}, 'search."arm.joints.upper.a" = ', "raech is not a variable. Known: reach, split"),
     "half an expression": ({SPLIT: '"reach *"'}, 'search."arm.joints.upper.a" = ', "is not an expression"),
@@ -211,7 +211,7 @@ CASES = {
     "unknown direction": (
         {'"maximize"': '"maximise"'}, "objectives.0.direction = 'maximise'", "must be 'maximize' or 'minimize'"),
     "no direction": ({'direction = "maximize"\n': ""}, "objectives.0.direction", "is required"),
-    "no metric": ({'metric = "F"\n': ""}, "objectives.0", "give the metric"),
+    "no metric": ({'metric = "F"\n': ""}, "objectives.0", "give a metric or an expression"),
     "misfit with a metric": (
         {'"maximize"': '"minimize"\nover = "designs"\naggregate = "misfit"'}, "objectives.0", "misfit"),
     "misfit of one design": ({'metric = "F"': 'aggregate = "misfit"'}, "objectives.0", "go together"),

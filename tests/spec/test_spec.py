@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from eiwa.core.errors import SpecError
-from eiwa.core.spec import REFERENCE, check, differences, load
+from eiwa.core.scenarios import REFERENCE
+from eiwa.core.spec import check, differences, load
 from eiwa.core.tree import replaced
 from tests.study import small
 

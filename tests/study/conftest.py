@@ -4,6 +4,7 @@ import os
 
 import pytest
 
+from eiwa.core.interfaces import Operator
 from eiwa.core.outcome import Outcome
 from eiwa.study import rows
 
@@ -14,15 +15,20 @@ def unflushed(monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
 
 
-def instead(spec, overrides, replicates=1, *, named=False):
+def instead(spec, overrides, replicates=1, *, parameters=None, named=False):
     """An outcome that follows from the overrides alone."""
     values = [float(value) for _, value in sorted(overrides.items())]
     F = sum((k + 1) * value for k, value in enumerate(values)) / 3
     numbers = {"F": F, "F_se": None, "F_drift": 0.0, "singletons": 0.0, "reach": sum(values[:2])}
-    violations = [constraint.violation(numbers[constraint.metric]) for constraint in spec.constraints]
+    violations = spec.inequalities(overrides, parameters or {})
+    for i, constraint in enumerate(spec.constraints):
+        if constraint.metric:
+            violations[i] = constraint.violation([numbers[constraint.metric]])
     objectives = [F if objective.metric else None if named else 1.0 - F for objective in spec.objectives]
     scenarios = {scenario.label: numbers for scenario in spec.scenarios}
-    return Outcome(scenarios, objectives, violations, replicates, {"F": [F] * replicates})
+    replicated = {"": {"F": [F] * replicates}} if replicates > 1 else {}
+    operators = dict.fromkeys(scenarios, Operator())
+    return Outcome(scenarios, objectives, violations, replicates, operators, replicated)
 
 
 @pytest.fixture

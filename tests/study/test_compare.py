@@ -24,17 +24,17 @@ def test_verify_would_notice_a_wrong_answer():
 
 
 def test_rows_with_the_same_replicates_are_tied():
-    row = {"replicated.F": [0.30, 0.31, 0.29], "metrics.F_remaining": None}
-    assert tied(row, {**row, "replicated.F": [0.31, 0.30, 0.295]})
+    row = {"replicated.metrics.F": [0.30, 0.31, 0.29], "metrics.F_remaining": None}
+    assert tied(row, {**row, "replicated.metrics.F": [0.31, 0.30, 0.295]})
 
 
 def test_rows_that_differ_in_every_replicate_alike_are_not_tied():
-    row = {"replicated.F": [0.30, 0.31, 0.29], "metrics.F_remaining": None}
-    assert tied(row, {**row, "replicated.F": [0.25, 0.26, 0.241]}) is False
+    row = {"replicated.metrics.F": [0.30, 0.31, 0.29], "metrics.F_remaining": None}
+    assert tied(row, {**row, "replicated.metrics.F": [0.25, 0.26, 0.241]}) is False
 
 
 def test_rows_without_replicates_cannot_be_compared():
-    assert tied({"replicated.F": None}, {"replicated.F": [0.1, 0.2]}) is None
+    assert tied({"replicated.metrics.F": None}, {"replicated.metrics.F": [0.1, 0.2]}) is None
 
 
 def test_the_cheapest_sufficient_setting_is_recommended():

@@ -160,7 +160,7 @@ def test_a_rebuilt_journal_keeps_failed_trials(tmp_path, monkeypatch):
     from eiwa.study import rows
     from tests.study.conftest import instead
 
-    def some_fail(spec, overrides, replicates=1, *, named=False):
+    def some_fail(spec, overrides, replicates=1, *, parameters=None, named=False):
         if overrides.get("layout.spacing", 0) > 0.5:
             raise RuntimeError("too wide")
         return instead(spec, overrides, replicates, named=named)

@@ -362,7 +362,7 @@ def test_twenty_failures_in_a_row_stop_a_study(good, stops, tmp_path, monkeypatc
     whole = rows.evaluate
     left = {"good": good, "asked": -1}
 
-    def sometimes(spec, overrides, replicates=1, *, named=False):
+    def sometimes(spec, overrides, replicates=1, *, parameters=None, named=False):
         left["asked"] += not named
         if named or (left["good"] and left["asked"] % 5 == 0):
             left["good"] -= not named
