@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Mapping, Sequence
 from statistics import stdev
 from typing import TYPE_CHECKING, Any
@@ -33,7 +34,7 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     variables = len(spec.searched) > MAX_VALUES
     columns = list(spec.ranges) if variables else varied(spec)
     metrics = shown_metrics(spec)
-    objectives = [(i, o.label) for i, o in enumerate(spec.objectives) if o.over != "reference" or o.expression]
+    objectives = columned(spec)
     published = sorted({m for d in spec.designs.values() for m in d.published})
     table = _table(f"Study {spec.study.name}")
     table.add_column("design", no_wrap=True)
@@ -42,7 +43,7 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     for metric in metrics:
         table.add_column(f"{metric} ± se" if metric == "F" else metric, justify="right", no_wrap=True)
     for _, label in objectives:
-        table.add_column(label, justify="right", no_wrap=True)
+        table.add_column(_lines(label), justify="right", no_wrap=True)
     for metric in published:
         table.add_column(f"published\n{metric}", justify="right", no_wrap=True)
     best = leaders(spec, rows)
@@ -87,7 +88,7 @@ def scenarios(spec: StudySpec, rows: Sequence[Row]) -> Table | None:
 
     if len(spec.scenarios) < 2:
         return None
-    metric = shown_metrics(spec)[0]
+    metric = next((o.metric for o in spec.objectives if o.metric), "F")
     table = _table(f"{metric} under every scenario (*: the reference)")
     table.add_column("scenario", no_wrap=True)
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
@@ -109,9 +110,15 @@ def designs(spec: StudySpec, rows: Sequence[Row]) -> list[Row]:
 
 
 def shown_metrics(spec: StudySpec) -> list[str]:
-    """Metrics worth a column: the objectives', then F."""
-    named = [o.metric for o in spec.objectives if o.metric]
-    return list(dict.fromkeys([*named, "F"]))[:3]
+    """Metrics worth a column: the objectives' at the reference, then F, unless an objective aggregates it."""
+    named = [o.metric for o in spec.objectives if o.metric and o.over == "reference"]
+    aggregated = any("F" in o.numbers for o in spec.objectives)
+    return list(dict.fromkeys([*named, *([] if aggregated and (named or columned(spec)) else ["F"])]))[:3]
+
+
+def columned(spec: StudySpec) -> list[tuple[int, str]]:
+    """Objectives that are not a metric at the reference, with their labels."""
+    return [(i, o.label) for i, o in enumerate(spec.objectives) if o.over != "reference" or o.expression]
 
 
 def metrics(spec: StudySpec, scenarios: Mapping[str, Mapping[str, float | None]], title: str) -> Table:
@@ -219,6 +226,11 @@ def _value(spec: StudySpec, row: Row, column: str, variable: bool) -> str:
         return _plain(overrides[column])
     resolved = spec.defaults_with(parted(overrides)[0])
     return _plain(lookup(resolved, column)) if exists(resolved, column) else ""
+
+
+def _lines(label: str, width: int = 16) -> str:
+    """A label on as many lines as it takes."""
+    return "\n".join(textwrap.wrap(label, width))
 
 
 def _plain(value: Any) -> str:

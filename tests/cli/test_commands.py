@@ -373,6 +373,7 @@ def test_evaluate_as_json(cli, path):
         "replicates",
         "metrics",
         "scenarios",
+        "operators",
         "objectives",
         "violations",
         "feasible",

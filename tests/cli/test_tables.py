@@ -18,7 +18,10 @@ QUICK = {
 }
 
 
-QUICKER = {"devices.toml": {"33_554_432": "4096"}}
+QUICKER = {
+    "devices.toml": {"33_554_432": "4096"},
+    "population.toml": {"percentile = 50\n\n": "percentile = 50\nsamples = 4096\n\n"},
+}
 
 
 def quick(name, folder):
