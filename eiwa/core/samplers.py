@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Auto(Parameters):
-    """Chosen from the study file alone: see the rule below."""
+    """Chosen from the study file alone: by the rule above."""
 
     kind: Literal["auto"] = "auto"
 
@@ -62,7 +62,7 @@ class Nsga2(Parameters):
     population_size: int = quantity(50, ge=2, description="Parents of a generation; a generation has at least as many.")
     crossover_probability: float = quantity(0.9, ge=0, le=1, description="Share of children that have two parents.")
     mutation_probability: float | None = quantity(
-        None, ge=0, le=1, description="Share of values drawn anew; left out: one over the number of variables."
+        None, ge=0, le=1, description="Share of values that mutate; left out: one over the number of variables."
     )
 
 

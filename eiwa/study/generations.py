@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import optuna
 from optuna.samplers import NSGAIIISampler, NSGAIISampler, RandomSampler
+from optuna.samplers.nsgaii import PolynomialMutation, SBXCrossover
 from optuna.study import StudyDirection
 from optuna.trial import FrozenTrial
 
@@ -36,12 +37,18 @@ def generations(completed: Sequence[FrozenTrial], batch: int, size: int) -> list
 
 
 class _Generational:
-    """Generations and parents of a genetic sampler, from the trials."""
+    """Generations and parents of a genetic sampler, from the trials.
+
+    Simulated binary crossover and polynomial mutation, as in Deb et al. (2002, doi:10.1109/4235.996017): Optuna's
+    defaults, which exchange values or draw them anew, refine nothing where variables are continuous.
+    """
 
     def __init__(self, options: samplers.Nsga2, batch: int, seeded: Seeded, number: int, **more: Any) -> None:
         self._options, self._batch, self._seeded = options, batch, seeded
         super().__init__(  # type: ignore[call-arg]
             population_size=options.population_size,
+            crossover=SBXCrossover(),
+            mutation=PolynomialMutation(),
             crossover_prob=options.crossover_probability,
             mutation_prob=options.mutation_probability,
             seed=seeded(number),
