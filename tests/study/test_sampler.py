@@ -350,7 +350,7 @@ def best(name, trials, folder, changes=None):
 
 @pytest.mark.parametrize(
     ("name", "trials", "limit"),
-    [("tpe", 96, 0.40), ("tpe", 96, 0.26), ("nsga2", 160, 0.40), ("nsga2", 160, 0.26), ("nsga3", 160, 0.26)]
+    [("tpe", 96, 0.40), ("tpe", 96, 0.26), ("nsga2", 160, 0.40), ("nsga2", 240, 0.26), ("nsga3", 240, 0.26)]
     + [("cmaes", 96, 0.40), ("cmaes", 160, 0.26)],
 )
 def test_a_sampler_comes_nearer_than_random_draws(name, trials, limit, monkeypatch, tmp_path):
