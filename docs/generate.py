@@ -13,6 +13,7 @@ from eiwa.core import hookspecs, sections
 from eiwa.core.description import tables, toml
 from eiwa.core.errors import EiwaError
 from eiwa.core.registry import KINDS, load
+from eiwa.core.samplers import SAMPLERS
 from eiwa.testing.subject import of_entry
 
 EXAMPLE = Path(__file__).parent.parent / "studies" / "paper.toml"
@@ -61,8 +62,16 @@ def reference():
         pages[f"built-in-{kind}"] = index(kind)
         pages[f"contracts-{kind}"] = contracts(kind)
     pages["numbers"] = numbers()
+    pages["samplers"] = "\n".join(sampler(model) for model in SAMPLERS.values())
     pages["commands"] = "\n".join(help_page(name) for name in listed())
     return pages
+
+
+def sampler(model):
+    """A sampler's heading, what it is, its options."""
+    (whole,) = tables(model)
+    kind, *options = whole.keys
+    return f"### {kind.default.strip(chr(34))}\n\n{text_of(whole)}\n\n{table(options) if options else ''}"
 
 
 def measured():

@@ -72,6 +72,9 @@ class Clock:
     _stack: list[str] = field(default_factory=lambda: ["rest"])
     _since: float = 0.0
 
+    def say(self, line: str) -> None:
+        """Nothing."""
+
     def begin(self, stage: str, total: int, done: int) -> None:
         """The search starts, or it is over.
 

@@ -49,6 +49,10 @@ class StudyProgress:
             self._best = row
         self._progress.update(self._tasks[stage], advance=1, best=self._label() if stage == "search" else "")
 
+    def say(self, line: str) -> None:
+        """A line above the bars."""
+        self._progress.console.print(line, markup=False, soft_wrap=True)
+
     def _better(self, row: Row) -> bool:
         sign = 1.0 if self._spec.objectives[0].direction == "maximize" else -1.0
         return self._best is None or sign * (row["objectives.0"] - self._best["objectives.0"]) > 0

@@ -119,17 +119,29 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
     from eiwa.cli import tables
     from eiwa.core.spec import load
     from eiwa.study.estimate import estimate, shortfall
+    from eiwa.study.sampler import announced, require
 
     listen_to_log()
     spec = load(Path(study), settings(set_))
+    require(spec)
     cost, short = estimate(spec), shortfall(spec)
     if as_json:
         short_of = asdict(short) if short else None
-        print_json({"study": spec.study.name, "hash": spec.hash, **cost.as_dict(), "shortfall": short_of})
+        print_json(
+            {
+                "study": spec.study.name,
+                "hash": spec.hash,
+                "sampler": spec.sampler.kind,
+                **cost.as_dict(),
+                "shortfall": short_of,
+            }
+        )
         return
     console = out()
     console.print(f"{study} is valid.", markup=False)
     console.print(tables.cost(spec, cost))
+    if line := announced(spec):
+        console.print(line, markup=False, soft_wrap=True)
     if short:
         console.print(tables.shortfall(short, spec), markup=False)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from eiwa.core.design import SECTIONS, Design
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.named import parted
+from eiwa.core.samplers import Cmaes, Grid
 from eiwa.core.tree import Tree, did_you_mean, exists, lookup
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
 def findings(spec: StudySpec, base: Design) -> list[str]:
     """Everything that is wrong; variants of the design are tried only when all else is right."""
-    first = [line for check in (_paths, _numbers, _budget) for line in check(spec, base)]
+    first = [line for check in (_paths, _numbers, _budget, _sampler) for line in check(spec, base)]
     return list(dict.fromkeys(first or _variants(spec)))
 
 
@@ -104,6 +105,15 @@ def _inequalities(spec: StudySpec) -> Iterable[str]:
                 yield finding(where, problem, value=constraint.expression)
 
 
+def _sampler(spec: StudySpec, base: Design) -> Iterable[str]:
+    """CMA-ES follows one objective."""
+    if isinstance(spec.sampler, Cmaes) and len(spec.objectives) > 1:
+        remedy = "Use 'tpe', 'nsga2' or 'gp', or one objective."
+        yield finding(
+            "study.sampler", f"follows one objective, not {len(spec.objectives)}.", value="cmaes", remedy=remedy
+        )
+
+
 def _variants(spec: StudySpec) -> Iterable[str]:
     """Named designs and scenarios must be designs; so must the corners of the search."""
     variants: list[tuple[str, Mapping[str, Any]]] = [(f"designs.{n}", d.overrides) for n, d in spec.designs.items()]
@@ -135,7 +145,7 @@ def _budget(spec: StudySpec, base: Design) -> Iterable[str]:
     unused -= {name for e in spec.expressions.values() for name in e.names}
     for name in sorted(unused):
         yield finding(f"variables.{name}", "no expression reads it.", remedy="Use it in [search], or remove it.")
-    if spec.study.sampler == "grid":
+    if isinstance(spec.sampler, Grid):
         for name, r in spec.ranges.items():
             if r.step is None:
                 where = f"variables.{name}" if name in spec.tree.get("variables", {}) else f'search."{name}"'

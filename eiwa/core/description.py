@@ -56,7 +56,9 @@ def _key(name: str, key: Schema, required: bool) -> Key:
 def allowed(key: Schema) -> str:
     """Type and bounds of one key's JSON schema."""
     if "anyOf" in key:
-        return " or ".join(allowed(part) for part in key["anyOf"] if part.get("type") != "null")
+        texts = [allowed(part) for part in key["anyOf"] if part.get("type") != "null" and "$ref" not in part]
+        models = [allowed(part) for part in key["anyOf"] if "$ref" in part]
+        return " or ".join([*texts, *(models if len(models) == 1 else ["table"] if models else [])])
     if "enum" in key or "const" in key:
         return ", ".join(toml(v) for v in key.get("enum", [key.get("const")]))
     if "$ref" in key:

@@ -11,6 +11,7 @@ from eiwa.core.aggregates import Aggregate, cvar, mean, share_above
 from eiwa.core.errors import SpecError
 from eiwa.core.expressions import ROUNDING, Expression, Inequality
 from eiwa.core.hookspecs import Parameters, quantity
+from eiwa.core.samplers import SamplerParameter, Tpe
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 
@@ -26,7 +27,9 @@ class StudySection(Parameters):
         description="Search trials in total; raised by whole batches, a study goes on as if it had never stopped.",
     )
     batch: int = quantity(8, ge=1, le=1024, description="Trials asked together and told in order.")
-    sampler: Literal["tpe", "random", "qmc", "grid"] = quantity("tpe", description="How the search proposes designs.")
+    sampler: SamplerParameter = quantity(
+        Tpe(), description="How the search proposes designs: a kind, or a table with a kind and its options."
+    )
 
 
 class LayoutSection(Parameters):

@@ -19,6 +19,7 @@ from eiwa.core.expressions import Expression, in_order
 from eiwa.core.findings import validated
 from eiwa.core.named import named_design, parted, pinned, refuse_unquoted
 from eiwa.core.registry import Registry
+from eiwa.core.samplers import Auto, Chosen, automatic
 from eiwa.core.scenarios import Scenario, scenarios
 from eiwa.core.sections import ConstraintSection, DesignSection, ObjectiveSection, RangeSection, StudySection
 from eiwa.core.tree import Tree, did_you_mean, exists, leaves, lookup, replaced
@@ -56,6 +57,12 @@ class StudySpec:
         named = {number for o in self.objectives for number in o.numbers}
         named |= {c.metric for c in self.constraints if c.metric}
         return frozenset(named | {metric for d in self.designs.values() for metric in d.published})
+
+    @cached_property
+    def sampler(self) -> Chosen:
+        """How the search proposes designs, ``auto`` decided."""
+        named = self.study.sampler
+        return automatic(self)[0] if isinstance(named, Auto) else named
 
     @cached_property
     def _order(self) -> list[str]:
@@ -112,7 +119,7 @@ class StudySpec:
     def resolved(self) -> Tree:
         """All that the study says, defaults written out."""
         tree = self.design({}).resolved()
-        tree["study"] = self.study.model_dump(mode="json")
+        tree["study"] = self.study.model_dump(mode="json") | {"sampler": self.sampler.model_dump(mode="json")}
         tree["variables"] = {n: r.model_dump(mode="json") for n, r in self.ranges.items()}
         tree["variables"] |= {n: e.text for n, e in self.expressions.items()}
         tree["search"] = dict(self.searched)

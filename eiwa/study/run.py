@@ -19,7 +19,7 @@ from eiwa.core.errors import EiwaError
 from eiwa.core.spec import StudySpec, digest
 from eiwa.study import journal
 from eiwa.study.rows import Row, Task, row, schema
-from eiwa.study.sampler import distributions, sampler_of, search_size
+from eiwa.study.sampler import announced, distributions, require, sampler_of, search_size
 from eiwa.study.store import Store, writing
 
 LEADERS = 3
@@ -35,6 +35,9 @@ class Listener(Protocol):
     def __call__(self, stage: str, row: Row) -> None:
         """An evaluation is done."""
 
+    def say(self, line: str) -> None:
+        """Something that the user should know."""
+
 
 class Silent:
     """Hears nothing."""
@@ -43,6 +46,9 @@ class Silent:
         """Nothing."""
 
     def __call__(self, stage: str, row: Row) -> None:
+        """Nothing."""
+
+    def say(self, line: str) -> None:
         """Nothing."""
 
 
@@ -104,6 +110,9 @@ class Run:
                 raise EiwaError(f"designs.{task.name}: {result['message']}")
 
     def _search(self) -> None:
+        require(self.spec)
+        if line := announced(self.spec):
+            self.listen.say(line)
         study, storage = self._study()
         begun = self._told(study)
         self._stop_when_failing({r["number"]: r for r in self.rows if r["kind"] == "trial"})

@@ -197,7 +197,21 @@ CASES = {
     "a grid without a step at a path": (
         {"batch = 4": 'batch = 4\nsampler = "grid"'}, 'search."layout.spacing"', "needs a step"),
     "unknown sampler": (
-        {"batch = 4": 'batch = 4\nsampler = "tpee"'}, "study.sampler = 'tpee'", "must be 'tpe', 'random', 'qmc' or 'grid'"),
+        {"batch = 4": 'batch = 4\nsampler = "tpee"'}, "study.sampler = 'tpee'", "must be 'auto', 'tpe', 'random',"),
+    "unknown option of a sampler": (
+        {"batch = 4": 'batch = 4\nsampler = { kind = "nsga2", populaton_size = 8 }'},
+        "study.sampler.populaton_size", "did you mean 'population_size'?"),
+    "an option of another sampler": (
+        {"batch = 4": 'batch = 4\nsampler = { kind = "qmc", sigma = 0.1 }'}, "study.sampler.sigma", "unknown key"),
+    "a sampler's option out of its bounds": (
+        {"batch = 4": 'batch = 4\nsampler = { kind = "cmaes", sigma = 2.0 }'},
+        "study.sampler.sigma = 2.0", "must be less than or equal to 1"),
+    "a sampler without a kind": (
+        {"batch = 4": "batch = 4\nsampler = { sigma = 0.1 }"}, "study.sampler", "or a table with such a kind"),
+    "a sampler that is a number": ({"batch = 4": "batch = 4\nsampler = 3"}, "study.sampler = 3", "must be 'auto'"),
+    "cmaes with two objectives": (
+        {"batch = 4": 'batch = 4\nsampler = "cmaes"', OBJECTIVE: OBJECTIVE + OBJECTIVE.replace('"F"', '"reach"')},
+        "study.sampler = 'cmaes'", "follows one objective, not 2"),
     "trials without a search": ({small.SEARCH: ""}, "study.trials = 8", "nothing to vary"),
     "trials without objectives": ({OBJECTIVE: ""}, "study.trials = 8", "[[objectives]]"),
     # objectives and constraints

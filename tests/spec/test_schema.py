@@ -139,3 +139,18 @@ def test_every_plugin_is_in_it(installed):
 
 def test_every_table_of_a_study_is_in_it(installed):
     assert set(installed["properties"]) == set(spec.TABLES)
+
+
+@pytest.mark.parametrize(
+    ("sampler", "right"),
+    [
+        ('"nsga2"', True),
+        ('{ kind = "nsga2", population_size = 8 }', True),
+        ('"tpee"', False),
+        ('{ kind = "nsga2", sigma = 0.1 }', False),
+        ('{ kind = "cmaes", sigma = 3.0 }', False),
+    ],
+)
+def test_samplers(sampler, right, installed):
+    tree = small.tree({"batch = 4": f"batch = 4\nsampler = {sampler}"})
+    assert (problems(tree, installed) == []) == right

@@ -24,7 +24,7 @@ def instead(spec, overrides, replicates=1, *, parameters=None, named=False):
     for i, constraint in enumerate(spec.constraints):
         if constraint.metric:
             violations[i] = constraint.violation([numbers[constraint.metric]])
-    objectives = [F if objective.metric else None if named else 1.0 - F for objective in spec.objectives]
+    objectives = [numbers[o.metric] if o.metric else None if named else 1.0 - F for o in spec.objectives]
     scenarios = {scenario.label: numbers for scenario in spec.scenarios}
     replicated = {"": {"F": [F] * replicates}} if replicates > 1 else {}
     operators = dict.fromkeys(scenarios, Operator())

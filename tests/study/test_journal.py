@@ -13,14 +13,13 @@ from eiwa.core.errors import StoreError
 from eiwa.study import journal
 from eiwa.study.store import Store
 from tests.study import small
-from tests.study.test_sampler import STEPS
+from tests.study.test_sampler import INSTALLED, study_of
 
 TRIALS = 16
 
 
 def study(sampler="tpe", trials=TRIALS):
-    changes = {"batch = 4": f'batch = 4\nsampler = "{sampler}"', "trials = 8": f"trials = {trials}"}
-    return small.spec(changes | (STEPS if sampler == "grid" else {}))
+    return study_of(sampler, trials)
 
 
 @pytest.fixture(autouse=True)
@@ -140,7 +139,7 @@ def lose(store, *parts, journal=True):
         store.parts[number].unlink()
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "random", "qmc", "grid"])
+@pytest.mark.parametrize("sampler", INSTALLED)
 def test_a_lost_journal_is_rebuilt_and_the_study_goes_on(clean, tmp_path, sampler):
     half, whole = clean(sampler, 8), clean(sampler)
     shutil.copytree(half.folder, tmp_path / "small")
@@ -248,7 +247,15 @@ def writes(sampler, trials, cut_at, tmp_path):
 
 @pytest.mark.parametrize(
     ("sampler", "trials", "stride", "torn"),
-    [("tpe", TRIALS, 7, False), ("random", 8, 5, True), ("qmc", 8, 11, False), ("grid", 8, 7, False)],
+    [
+        ("tpe", TRIALS, 7, False),
+        ("random", 8, 5, True),
+        ("qmc", 8, 11, False),
+        ("grid", 8, 7, False),
+        ("nsga2", 16, 13, False),
+        ("nsga3", 16, 17, False),
+        ("cmaes", 16, 19, False),
+    ],
 )
 def test_a_run_that_ends_at_any_write_is_continued(sampler, trials, stride, torn, cut_at, clean, tmp_path):
     """Between any two writes; strides are coprime to the six writes of one trial, so that every kind is met."""
