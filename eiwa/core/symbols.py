@@ -286,9 +286,9 @@ def expm1(x: Column) -> Column:
 
 
 def root(x: Column, k: int) -> Column:
-    """k-th root of x in [0, 1], k from 1 to 6, to 1e-14 of its value (single: 5e-5); 0 for x below 1e-37.
+    """k-th root of x in [0, 1], k from 1 to 6, to 1e-14 of its value (single: 1e-6); 0 for an odd root of less than 1e-16.
 
-    Symbols: y <- (x y^(r - k))^(1 / r) for the power r of 2 next above k by square roots, then Newton's rule.
+    Symbols: from a power of x made of square roots by four of Halley's steps.
     """
     if not isinstance(x, Symbol):
         return np.power(x, 1.0 / k)
@@ -296,25 +296,15 @@ def root(x: Column, k: int) -> Column:
         return root(sqrt(x), k // 2)
     if k == 1:
         return x
-    some = x > 1e-37
+    some = x > 1e-16
     x = where(some, x, 1.0)
-    halvings = k.bit_length()
-    y: Column = 1.0
-    for _ in range(6):
-        y = x * _power(y, 2**halvings - k)
-        for _ in range(halvings):
-            y = sqrt(y)
-    for _ in range(2 if x.tape.single else 4):
-        y = y + (1.0 / k) * (x / _power(y, k - 1) - y)
+    quarter = sqrt(sqrt(x))
+    sixteenth = sqrt(sqrt(quarter))
+    y = sixteenth * (quarter if k == 3 else sqrt(quarter))
+    for _ in range(4):
+        power = y * y * y if k == 3 else (y * y) * (y * y) * y
+        y = y * ((k - 1.0) * power + (k + 1.0) * x) / ((k + 1.0) * power + (k - 1.0) * x)
     return where(some, y, 0.0)
-
-
-def _power(x: Column, k: int) -> Column:
-    """x^k for a small k > 0."""
-    result = x
-    for _ in range(k - 1):
-        result = result * x
-    return result
 
 
 def polynomial(x: Column, coefficients: Sequence[float]) -> Column:

@@ -84,8 +84,8 @@ def test_the_condition_number_of_the_puma():
 def test_a_planar_arm_is_isotropic_where_salisbury_and_craig_say():
     """Links in the ratio sqrt(2) to 1 and an elbow of 135 degrees: both singular values are L2."""
     arm, q = arms.planar(0.3, 0.3 * np.sqrt(0.5)), (0.4, 0.75 * np.pi)
-    assert value("condition", arm, q, rows=["x", "y"])[0] == pytest.approx(1.0, abs=1e-12)
-    assert value("smallest_singular_value", arm, q, rows=["x", "y"])[0] == pytest.approx(0.3 * np.sqrt(0.5), rel=1e-12)
+    assert value("condition", arm, q, rows=["x", "y"])[0] == pytest.approx(1.0, abs=1e-7)
+    assert value("smallest_singular_value", arm, q, rows=["x", "y"])[0] == pytest.approx(0.3 * np.sqrt(0.5), rel=1e-7)
 
 
 @pytest.mark.parametrize("rows", ["all", "translation", "rotation", ["x", "z", "ry"]])
@@ -101,9 +101,8 @@ def test_they_are_functions_of_lapacks_singular_values(arm, rows):
     }
     for kind in SINGULAR_VALUES:
         found = on_arrays(index(kind, length=0.2, rows=rows), at)
-        error = np.abs(found - expected[kind])
-        assert error.max() < 3e-3, kind
-        assert np.quantile(error, 0.9) < (4e-7 if kind == "isotropy" else 1e-8), kind
+        rtol = 1e-6 if kind == "isotropy" else 1e-9
+        np.testing.assert_allclose(found, expected[kind], rtol=rtol, atol=1e-13, err_msg=kind)
 
 
 @pytest.mark.parametrize("kind", SINGULAR_VALUES)
@@ -112,8 +111,7 @@ def test_an_arm_of_fewer_joints_than_rows_is_judged_by_the_motions_it_has(kind):
     s = singular_values(at, 0.2)
     expected = {"condition": s[:, -1] / s[:, 0], "smallest_singular_value": s[:, -1]}
     expected["isotropy"] = np.sqrt(s[:, 0] * s[:, 1]) / s.mean(axis=1)
-    bound = 4e-7 if kind == "isotropy" else 1e-12
-    np.testing.assert_allclose(on_arrays(index(kind, length=0.2), at), expected[kind], rtol=bound)
+    np.testing.assert_allclose(on_arrays(index(kind, length=0.2), at), expected[kind], rtol=1e-12)
 
 
 def sampled_planar():
@@ -181,6 +179,15 @@ def test_ratios_stay_within_0_and_1(q):
 def test_they_vanish_at_singularities(kind, q):
     zero = 3e-3 if kind == "isotropy" else 3e-16  # the sixth root of rounding errors
     assert value(kind, arms.paper(limits=(-4, 4)), q, length=0.3)[0] == pytest.approx(0.0, abs=zero)
+
+
+@pytest.mark.parametrize("kind", SINGULAR_VALUES)
+@pytest.mark.parametrize("joints", [4, 5, 6])
+def test_an_arm_that_is_singular_everywhere_has_none(kind, joints):
+    """More than three parallel axes: three of all directions, so that it is refused, not normalised."""
+    arm = arms.planar(*(0.1,) * joints)
+    q = np.random.default_rng(2).uniform(-3, 3, (50, joints))
+    np.testing.assert_array_equal(on_arrays(index(kind), postures(arm, q)), 0.0)
 
 
 # Joint limits.

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from eiwa.core.hookspecs import Plugin, hookimpl
 from eiwa.core.interfaces import Arm, ArmColumns, Postures, TracedIndex
-from eiwa.core.linear import Matrix, where_positive
-from eiwa.core.singular import extremes, isotropy
+from eiwa.core.linear import Matrix
+from eiwa.core.singular import extremes, inverse_condition, isotropy
 from eiwa.core.symbols import Column
 from eiwa.core.taskspace import TaskSpace, characteristic_length, row_numbers, scaled
 
@@ -63,8 +63,7 @@ class Condition(SingularValueIndex):
 
     def of(self, J: Matrix) -> Column:
         """Smallest over largest singular value."""
-        smallest, largest = extremes(J)
-        return smallest * where_positive(largest)
+        return inverse_condition(J)
 
 
 class Smallest(SingularValueIndex):
@@ -79,7 +78,7 @@ class Isotropy(SingularValueIndex):
     """Geometric over arithmetic mean in [0, 1]: 1 where all directions are equal, 0 at a singularity."""
 
     def of(self, J: Matrix) -> Column:
-        """The isotropy of the singular values."""
+        """Geometric over arithmetic mean."""
         return isotropy(J)
 
 

@@ -9,9 +9,8 @@ import numpy as np
 from eiwa.core.evaluation import Measurement
 from eiwa.core.hookspecs import Number, Plugin, hookimpl
 from eiwa.core.interfaces import Metric
-from eiwa.core.linear import where_positive
 from eiwa.core.optimum import pilot_points
-from eiwa.core.singular import extremes
+from eiwa.core.singular import inverse_condition
 from eiwa.core.taskspace import TaskSpace, characteristic_length, row_numbers, scaled
 
 
@@ -35,8 +34,7 @@ class GlobalConditioning(Metric):
         pilot = arm.postures(pilot_points(arm.dof)).solved
         inverse = 1.0 / characteristic_length(self.parameters.length, rows, pilot)
         jacobian = [list(row) for row in np.ascontiguousarray(pilot.jacobians.transpose(1, 2, 0))]
-        smallest, largest = extremes(scaled(jacobian, rows, inverse))
-        return {"gci": float(np.mean(smallest * where_positive(largest)))}
+        return {"gci": float(np.mean(inverse_condition(scaled(jacobian, rows, inverse))))}
 
 
 @hookimpl
