@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import textwrap
+import re
 from collections.abc import Mapping, Sequence
 from statistics import stdev
 from typing import TYPE_CHECKING, Any
@@ -41,7 +41,7 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     for path in columns[:MAX_VALUES]:
         table.add_column(_short(path).replace(" ", "\n"), justify="right", no_wrap=True)
     for metric in metrics:
-        table.add_column(f"{metric} ± se" if metric == "F" else metric, justify="right", no_wrap=True)
+        table.add_column(f"{metric} ± se" if metric == "F" else _lines(metric), justify="right", no_wrap=True)
     for _, label in objectives:
         table.add_column(_lines(label), justify="right", no_wrap=True)
     for metric in published:
@@ -229,8 +229,11 @@ def _value(spec: StudySpec, row: Row, column: str, variable: bool) -> str:
 
 
 def _lines(label: str, width: int = 16) -> str:
-    """A label on as many lines as it takes."""
-    return "\n".join(textwrap.wrap(label, width))
+    """A label on as many lines as it takes, broken behind spaces and underscores."""
+    lines = [""]
+    for word in re.findall(r"[^ _]*[ _]?", label):
+        lines = [*lines[:-1], lines[-1] + word] if len(lines[-1] + word) <= width else [*lines, word]
+    return "\n".join(line.strip() for line in lines)
 
 
 def _plain(value: Any) -> str:
