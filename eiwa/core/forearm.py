@@ -9,8 +9,8 @@ deviation and palmar flexion are positive.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from eiwa.core.chain import Joint, SerialChain
 from eiwa.core.compiled import compiled
-from eiwa.core.interfaces import Array
+from eiwa.core.interfaces import Array, compiled_map
 from eiwa.core.optimum import maximum, pilot_points
 from eiwa.core.sampling import Stream
+from eiwa.core.symbols import Column, sincospi
 from eiwa.core.transforms import frozen, rotation_z, translation
 from eiwa.core.workspace import Grid
 
@@ -35,6 +36,8 @@ FINE, PITCH = 0.005, np.radians(20.0)
 FINEST = 7
 """Its steps have amplitudes 1 ... 2^-7 of a joint's range."""
 NOTHING = -1e300
+KEPT = 8
+"""Sets of cells that a forearm remembers."""
 
 
 def slides(
@@ -127,6 +130,27 @@ class Forearm:
     def reached(self, grid: Grid, armrest: float, stream: Stream, samples: int) -> NDArray[np.bool_]:
         """The cells that the grip comes to.
 
+        An armrest that rises by whole cells takes them along, so they are found once and moved.
+        """
+        layers = round(armrest / grid.r)
+        rest = armrest - layers * grid.r
+        rest = 0.0 if abs(rest) < 1e-9 * grid.r else rest
+        home = Grid.covering(self.bounds(rest), grid.r)
+        key = (home, rest, stream, samples)
+        if key not in self._found:
+            if len(self._found) >= KEPT:
+                del self._found[next(iter(self._found))]
+            self._found[key] = self._sampled(home, rest, stream, samples)
+        x, y, z = home.origin
+        return grid.taking(self._found[key], replace(home, origin=(x, y, z + layers)))
+
+    @cached_property
+    def _found(self) -> dict[Any, NDArray[np.bool_]]:
+        return {}
+
+    def _sampled(self, grid: Grid, armrest: float, stream: Stream, samples: int) -> NDArray[np.bool_]:
+        """The cells of a grid that covers :meth:`bounds`.
+
         The rotations are sampled, denser towards the ends of their ranges, because the ends make the border; the two
         slides are translations, so the whole rectangle of cells that one rotation reaches is marked at once.
         """
@@ -188,9 +212,16 @@ class Forearm:
 
 
 def to_ends(u: Array) -> Array:
-    """Points of the unit cube moved towards its faces: sin^2(pi u / 2), the arcsine distribution for uniform u."""
-    towards: Array = np.sin(np.pi / 2 * u) ** 2
-    return towards
+    """Points (n, dof) of the unit cube moved towards its faces: sin^2(pi u / 2), arcsine-distributed for uniform u."""
+    return compiled_map(("to ends",), _to_ends, u.shape[1], 0)(u, NO_PARAMETERS)
+
+
+def _to_ends(u: Sequence[Column], _: Sequence[Column]) -> list[Column]:
+    sines = [sincospi(0.5 * column)[0] for column in u]
+    return [s * s for s in sines]
+
+
+NO_PARAMETERS = np.zeros(0)
 
 
 @compiled

@@ -67,6 +67,15 @@ class Grid:
         image[inside] = values[source[inside]]
         return image
 
+    def taking(self, values: NDArray[Any], home: Grid) -> NDArray[Any]:
+        """Values of another grid of the same r on this one; cells that lie outside that grid are empty."""
+        result = np.zeros(self.shape, values.dtype)
+        starts = [b - a for a, b in zip(self.origin, home.origin, strict=True)]
+        mine = tuple(slice(max(0, s), max(0, s + n)) for s, n in zip(starts, values.shape, strict=True))
+        theirs = tuple(slice(max(0, -s), max(0, n - s)) for s, n in zip(starts, self.shape, strict=True))
+        result[mine] = values[theirs]
+        return result
+
 
 def pooled(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """On a :attr:`Grid.halved`, which cells of the whole edge have an occupied one of their eight."""

@@ -1,10 +1,14 @@
 """The forearm on an armrest: how far an elbow slides, and the search for the best rotations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from eiwa.core.evaluation import field_stream
 from eiwa.core.forearm import Forearm, slides, to_ends
+from eiwa.core.sampling import Stream
+from eiwa.core.workspace import Grid
 
 DEG = np.pi / 180
 RANGES = np.array(
@@ -37,9 +41,31 @@ def test_angles_and_tips_belong_to_the_same_posture():
 
 
 def test_to_ends_keeps_the_cube_and_its_ends():
-    u = np.linspace(0, 1, 11)
-    assert (to_ends(u)[0], to_ends(u)[5], to_ends(u)[10]) == (0.0, pytest.approx(0.5), 1.0)
-    assert (np.diff(to_ends(u)) > 0).all()
+    u = np.linspace(0, 1, 11)[:, None]
+    ends = to_ends(u)[:, 0]
+    assert ends.min() == 0.0 and ends.max() <= 1.0
+    assert (ends[5], ends[10]) == (pytest.approx(0.5), pytest.approx(1.0, abs=1e-15))
+    assert (np.diff(ends) > 0).all()
+    np.testing.assert_allclose(ends, np.sin(np.pi / 2 * u[:, 0]) ** 2, atol=1e-15)
+
+
+@pytest.mark.parametrize("armrest", [0.04, 0.05, -0.02])
+def test_a_raised_armrest_takes_the_cells_along(armrest):
+    """Found anew by the same forearm's twin, on a grid that is larger than need be."""
+    twin, stream = replace(ARM), Stream("sobol", 3)
+    grid = Grid.covering(ARM.bounds(armrest) + [[-0.1], [0.1]], 0.02)
+    ARM.reached(grid, 0.0, stream, 1 << 12)
+    np.testing.assert_array_equal(
+        ARM.reached(grid, armrest, stream, 1 << 12), twin._sampled(grid, armrest, stream, 1 << 12)
+    )
+
+
+def test_cells_on_a_part_of_the_grid():
+    stream = Stream("sobol", 3)
+    whole = Grid.covering(ARM.bounds(0.0), 0.02)
+    part = Grid(0.02, tuple(o + 2 for o in whole.origin), tuple(n - 1 for n in whole.shape))
+    cells = ARM.reached(whole, 0.0, stream, 1 << 12)
+    np.testing.assert_array_equal(ARM.reached(part, 0.0, stream, 1 << 12)[:-1, :-1, :-1], cells[2:, 2:, 2:])
 
 
 def test_the_best_rotations_lie_in_their_ranges():
