@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from eiwa.cli import stored
 from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, resumable, settings
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 FAR = 0.2
 """``run`` speaks of too few samples only where the last doubling still moved F by more than this share."""
 app = typer.Typer(help="Run, check and look at studies.", no_args_is_help=True)
+app.command("export")(stored.export)
+app.command("replay")(stored.replay)
 
 
 @app.command("run")

@@ -6,8 +6,8 @@ trial), ``state`` (COMPLETE, FAIL, or SKIPPED: an inequality of parameters is br
 ``constraints.I`` (violation, <= 0 when met), ``metrics.NAME`` at the reference scenario and ``metrics.NAME@SCENARIO``,
 ``adjusted.armrest`` and ``adjusted.seat`` likewise (what the operator chose), ``replicates``, ``replicated.objectives.I``,
 ``replicated.metrics.NAME`` and ``replicated.metrics.NAME@SCENARIO`` (lists: the value in every replicate), ``overrides``
-(JSON), ``spec_hash``, ``seed``, ``versions`` (JSON); and what may differ between equal results: ``started`` (UTC),
-``seconds``, ``threads``, ``host``, ``pid``, ``cpu``, ``reused`` and ``computed`` (sets of samples).
+(JSON), ``spec_hash``, ``seed``, ``estimator``, ``versions`` (JSON); and what may differ between equal results: ``started`` (UTC),
+``seconds``, ``threads``, ``host``, ``pid``, ``cpu``, ``cpu_features``, ``reused`` and ``computed`` (sets of samples).
 """
 
 from __future__ import annotations
@@ -30,14 +30,16 @@ from eiwa.core.errors import EiwaError
 from eiwa.core.kernel import thread_count
 from eiwa.core.named import parted
 from eiwa.core.outcome import evaluate
-from eiwa.core.spec import StudySpec
+from eiwa.core.spec import StudySpec, digest
 from eiwa.core.tree import exists, lookup
 from eiwa.core.version import __version__
 
 Kind = Literal["design", "trial", "leader"]
 Row = dict[str, Any]
 
-VOLATILE = ("started", "seconds", "threads", "host", "pid", "cpu", "reused", "computed")
+VERSION, VERSION_KEY = 1, b"eiwa.schema"
+"""Version of the columns, and where a part's metadata has it; raised when a column changes its meaning or goes."""
+VOLATILE = ("started", "seconds", "threads", "host", "pid", "cpu", "cpu_features", "reused", "computed")
 """Columns in which equal results may differ."""
 
 
@@ -79,6 +81,7 @@ def schema(spec: StudySpec) -> pa.Schema:
         *((c, pa.list_(pa.float64())) for c in lists),
         *((c, pa.string()) for c in ("overrides", "spec_hash")),
         ("seed", pa.int64()),
+        ("estimator", pa.string()),
         ("versions", pa.string()),
         ("started", pa.timestamp("us", tz="UTC")),
         ("seconds", pa.float64()),
@@ -86,10 +89,23 @@ def schema(spec: StudySpec) -> pa.Schema:
         ("host", pa.string()),
         ("pid", pa.int64()),
         ("cpu", pa.string()),
+        ("cpu_features", pa.string()),
         ("reused", pa.int64()),
         ("computed", pa.int64()),
     ]
-    return pa.schema(fields)
+    return pa.schema(fields, metadata=metadata(spec))
+
+
+def metadata(spec: StudySpec) -> dict[bytes, bytes]:
+    """What a part says about itself: the columns' version, and the study with and without its defaults."""
+    texts = {
+        VERSION_KEY.decode(): str(VERSION),
+        "eiwa.version": __version__,
+        "eiwa.spec_hash": spec.hash,
+        "eiwa.study": json.dumps(spec.resolved, sort_keys=True, default=str),
+        "eiwa.file": json.dumps(spec.tree, default=str),
+    }
+    return {key.encode(): value.encode() for key, value in texts.items()}
 
 
 def metric_column(number: str, label: str = "") -> str:
@@ -118,6 +134,7 @@ def row(spec: StudySpec, task: Task) -> Row:
         "number": task.number,
         "replicates": task.replicates,
         "overrides": json.dumps(dict(task.overrides), sort_keys=True),
+        "estimator": task.overrides.get("sampling.estimator", spec.defaults["sampling"]["estimator"]),
         **{f"values.{path}": value for path, value in parted(task.overrides)[1].items()},
         **{f"parameters.{name}": value for name, value in (task.parameters or {}).items()},
     }
@@ -186,6 +203,7 @@ def provenance(spec: StudySpec) -> Row:
         "host": platform.node(),
         "pid": os.getpid(),
         "cpu": cpu()[0],
+        "cpu_features": digest(cpu()[1]),
     }
 
 

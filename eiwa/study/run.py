@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,7 +16,7 @@ from typing import Any, Protocol
 import optuna
 from optuna.trial import FrozenTrial, TrialState
 
-from eiwa.core.errors import EiwaError
+from eiwa.core.errors import EiwaError, StoreError
 from eiwa.core.spec import StudySpec, digest
 from eiwa.study import journal
 from eiwa.study.rows import Row, Task, row, schema
@@ -81,6 +82,8 @@ class Run:
             if self.target:
                 self._search()
                 self._leaders()
+            with suppress(StoreError):  # a disk without room for the copy holds the parts themselves
+                self.store.compact()
             return len(self.rows) > before
 
     def _evaluate(self, stage: str, tasks: Sequence[Task]) -> list[Row]:
@@ -146,7 +149,7 @@ class Run:
             if "constraints" not in study.user_attrs:
                 study.set_user_attr("constraints", [c.label for c in self.spec.constraints])
             if study.metric_names is None:
-                study.set_metric_names(_unique([o.label for o in self.spec.objectives]))
+                study.set_metric_names(metric_names(self.spec))
             rows = {r["number"]: r for r in self.rows if r["kind"] == "trial"}
             number = len(study.get_trials(deepcopy=False))
             while number in rows:
@@ -278,7 +281,9 @@ def run(spec: StudySpec, runs: Path, listen: Listener | None = None) -> Store:
     return store
 
 
-def _unique(labels: Sequence[str]) -> list[str]:
+def metric_names(spec: StudySpec) -> list[str]:
+    """Optuna's names of the objectives: their labels, told apart."""
+    labels = [o.label for o in spec.objectives]
     return [f"{name} ({i})" if labels.count(name) > 1 else name for i, name in enumerate(labels)]
 
 

@@ -1,6 +1,8 @@
 """The folder of a study: ``runs/<name>/`` with ``study.json``, ``journal.log``, ``lock`` and ``trials/part-*.parquet``.
 
-A part is written to a temporary file, flushed to the disk and renamed, so a part is whole or not there.
+A part is written to a temporary file, flushed to the disk and renamed, so a part is whole or not there. Parts
+``part-000001`` to ``part-000064`` are gathered in ``part-000001-000064``, whose name says what it replaces: a part that lies
+within another's numbers is not read, so a process may be killed before it has deleted them all.
 """
 
 from __future__ import annotations
@@ -9,8 +11,9 @@ import errno
 import fcntl
 import json
 import os
+import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +22,10 @@ import pyarrow.parquet as pq
 
 from eiwa.core.errors import StoreError
 from eiwa.core.spec import StudySpec, differences
-from eiwa.study.rows import Row
+from eiwa.study.rows import VERSION, VERSION_KEY, Row
+
+LOOSE = 64
+"""Loose parts that a run gathers in one."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +41,33 @@ class Store:
 
     @property
     def parts(self) -> list[Path]:
-        """Parquet parts in the order they were written."""
-        found = (self.folder / "trials").glob("part-*.parquet")
-        return sorted(path for path in found if path.stem.removeprefix("part-").isdigit())
+        """Parquet parts in the order they were written, without those that another has gathered."""
+        return [path for path, gathered in self._found() if not gathered]
+
+    def _found(self) -> list[tuple[Path, bool]]:
+        """Every part, and whether its rows are in another one too; in the order of their numbers."""
+        paths = (self.folder / "trials").glob("part-*.parquet")
+        spans = sorted((*span, path) for path in paths if (span := numbers_of(path)))
+        found, reached = [], 0
+        for _, last, path in sorted(spans, key=lambda item: (item[0], -item[1])):
+            found.append((path, last <= reached))
+            reached = max(reached, last)
+        return found
 
     def exists(self) -> bool:
         """Whether a study has been started here."""
         return (self.folder / "study.json").exists()
+
+    def require(self) -> None:
+        """Refuse a folder without results.
+
+        Raises
+        ------
+        StoreError
+            With the command that makes some.
+        """
+        if not self.exists():
+            raise StoreError(f"{self.folder}: has no results yet. Run: eiwa study run STUDY.toml")
 
     @contextmanager
     def locked(self) -> Iterator[None]:
@@ -126,35 +152,86 @@ class Store:
         return target
 
     def write(self, rows: Sequence[Row], schema: pa.Schema) -> None:
-        """Append rows as one part."""
-        number = 1 + max((int(p.stem.split("-")[1]) for p in self.parts), default=0)
+        """Append rows as one part; many loose parts are gathered."""
+        parts = self.parts
+        number = 1 + max((numbers_of(p)[1] for p in parts), default=0)
+        self._write(f"part-{number:06d}.parquet", pa.Table.from_pylist(list(rows), schema=schema))
+        loose = [p for p in parts if len(set(numbers_of(p))) == 1]
+        if len(loose) >= LOOSE:
+            self._gather(numbers_of(loose[0])[0], numbers_of(loose[-1])[1])
+
+    def compact(self) -> None:
+        """Gather all parts in one, and delete what was gathered before; killed at any moment, nothing is lost or doubled."""
+        with writing(self.folder):
+            for path, gathered in self._found():
+                if gathered:
+                    path.unlink()
+        parts = self.parts
+        if len(parts) > 1:
+            self._gather(numbers_of(parts[0])[0], numbers_of(parts[-1])[1])
+
+    def _gather(self, first: int, last: int) -> None:
+        """Write one part in place of all that have these numbers."""
+        parts = [p for p in self.parts if first <= numbers_of(p)[0] <= last]
+        self._write(f"part-{first:06d}-{last:06d}.parquet", _joined([_read(part) for part in parts]))
+        with writing(self.folder):
+            for part in parts:
+                part.unlink()
+
+    def _write(self, name: str, table: pa.Table) -> None:
         sink = pa.BufferOutputStream()
-        pq.write_table(pa.Table.from_pylist(list(rows), schema=schema), sink, compression="zstd")
-        write_atomically(self.folder / "trials" / f"part-{number:06d}.parquet", sink.getvalue().to_pybytes())
+        # Dictionaries and statistics of a hundred columns cost a part of a few rows more than its rows do.
+        large = table.num_rows > LOOSE
+        pq.write_table(table, sink, compression="zstd", use_dictionary=large, write_statistics=large)
+        write_atomically(self.folder / "trials" / name, sink.getvalue().to_pybytes())
 
     def table(self) -> pa.Table:
-        """All rows, in the order they were written.
+        """All rows, in the order they were written; the last part's metadata.
 
         Raises
         ------
         StoreError
-            A part is damaged.
+            A part is damaged, or a newer eiwa wrote it.
         """
-        tables = []
-        for part in self.parts:
-            try:
-                tables.append(pq.read_table(part))
-            except (OSError, pa.ArrowException) as error:
-                raise StoreError(
-                    f"{part}: is damaged ({str(error).splitlines()[0]}). Move it away and run the study again: "
-                    "its rows are evaluated again, to the same numbers."
-                ) from None
-        return pa.concat_tables(tables, promote_options="default") if tables else pa.table({})
+        while True:
+            with suppress(FileNotFoundError):  # gathered by a running study since its name was read
+                return _joined([_read(part) for part in self.parts])
 
     def rows(self) -> list[Row]:
         """All rows as dictionaries."""
         rows: list[Row] = self.table().to_pylist()
         return rows
+
+
+def numbers_of(part: Path) -> tuple[int, int]:
+    """First and last number of a part, or nothing where the name is no part's."""
+    found = re.fullmatch(r"part-(\d+)(?:-(\d+))?", part.stem)
+    return (int(found[1]), int(found[2] or found[1])) if found else ()  # type: ignore[return-value]
+
+
+def _read(part: Path) -> pa.Table:
+    try:
+        table = pq.ParquetFile(part).read(use_threads=False)
+        version = int((table.schema.metadata or {}).get(VERSION_KEY, 0))
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, pa.ArrowException) as error:
+        raise StoreError(
+            f"{part}: is damaged ({str(error).splitlines()[0]}). Move it away and run the study again: "
+            "its rows are evaluated again, to the same numbers."
+        ) from None
+    if version > VERSION:
+        raise StoreError(
+            f"{part}: was written by a newer eiwa (store version {version}; this one reads up to {VERSION}). Update eiwa."
+        )
+    return table
+
+
+def _joined(tables: Sequence[pa.Table]) -> pa.Table:
+    if not tables:
+        return pa.table({})
+    whole = pa.concat_tables(tables, promote_options="default")
+    return whole.replace_schema_metadata(tables[-1].schema.metadata)
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -7,6 +7,7 @@ import runpy
 import tomllib
 from pathlib import Path
 
+import duckdb
 import jsonschema
 import pytest
 
@@ -15,6 +16,7 @@ from eiwa.testing import samples
 from tests.cli.conftest import cli  # noqa: F401 (a fixture)
 from tests.docs import runner
 from tests.study import small
+from tests.study.conftest import no_work  # noqa: F401 (a fixture)
 
 DOCS = Path(__file__).parents[2] / "docs"
 EXAMPLES = {"arm": "gantry", "dexterity": "drive", "human": "elbow_rest", "voxels": "worst", "metrics": "reliable"}
@@ -62,6 +64,27 @@ def test_the_editors_page_runs(cli, here):  # noqa: F811
     (here / "my_study.toml").write_text(small.text({"spacing = 0.20": 'spacing = "0.20"'}))
     with pytest.raises(jsonschema.ValidationError, match="is not of type 'number'"):
         exec(code, {})
+
+
+@pytest.fixture
+def paper(here, no_work):  # noqa: F811
+    """A small study that is called as the pages call theirs."""
+    scenarios = '[scenarios]\n"dexterity.K" = [50, 12270]\n'
+    return small.run(small.spec({'name = "small"': 'name = "paper"'}, scenarios), here / "runs")
+
+
+def test_results_are_read_as_the_page_says(paper, capsys):
+    """In pandas, polars, DuckDB and pyarrow: each example of the page sees every trial."""
+    shown = {b.head: [] for b in runner.blocks(DOCS / "how-to/read-results.md")}
+    for block in runner.blocks(DOCS / "how-to/read-results.md"):
+        shown[block.head].append(block.body)
+    best = max(r["metrics.F"] for r in paper.rows() if r["kind"] == "trial")
+    for example in shown["python"]:
+        names = {}
+        exec(example, names)
+        assert f"{best:.6f}"[:6] in capsys.readouterr().out or names["table"].num_rows == len(paper.rows())
+    for query in shown["sql"]:
+        assert len(duckdb.sql(query).fetchall()) == sum(r["kind"] != "trial" for r in paper.rows())
 
 
 # Examples

@@ -7,6 +7,7 @@ import pytest
 from eiwa.core.interfaces import Operator
 from eiwa.core.outcome import Outcome
 from eiwa.study import rows
+from eiwa.study.store import Store
 
 
 @pytest.fixture(autouse=True)
@@ -17,7 +18,7 @@ def unflushed(monkeypatch):
 
 def instead(spec, overrides, replicates=1, *, parameters=None, named=False):
     """An outcome that follows from the overrides alone."""
-    values = [float(value) for _, value in sorted(overrides.items())]
+    values = [float(value) for _, value in sorted(overrides.items()) if not isinstance(value, str)]
     F = sum((k + 1) * value for k, value in enumerate(values)) / 3
     numbers = {"F": F, "F_se": None, "F_drift": 0.0, "singletons": 0.0, "reach": sum(values[:2])}
     violations = spec.inequalities(overrides, parameters or {})
@@ -29,6 +30,12 @@ def instead(spec, overrides, replicates=1, *, parameters=None, named=False):
     replicated = {"": {"F": [F] * replicates}} if replicates > 1 else {}
     operators = dict.fromkeys(scenarios, Operator())
     return Outcome(scenarios, objectives, violations, replicates, operators, replicated)
+
+
+@pytest.fixture
+def loose(monkeypatch):
+    """Parts stay as they were written."""
+    monkeypatch.setattr(Store, "compact", lambda store: None)
 
 
 @pytest.fixture

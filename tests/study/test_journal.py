@@ -60,6 +60,11 @@ def clean(tmp_path_factory):
     return clean_run
 
 
+@pytest.fixture(autouse=True)
+def _loose(loose):
+    """Single parts can be lost."""
+
+
 @pytest.fixture
 def finished(clean, tmp_path):
     """A copy of a run of TPE to change."""

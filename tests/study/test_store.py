@@ -35,9 +35,15 @@ def files(folder):
 # Writing
 
 
-def test_what_lies_in_the_folder(finished):
+@pytest.mark.usefixtures("loose")
+def test_what_lies_in_the_folder_of_a_running_study(finished):
     parts = [f"trials/part-{k:06d}.parquet" for k in range(1, 5)]
     assert files(finished.folder) == ["journal.lock", "journal.log", "lock", "study.json", *parts]
+
+
+def test_what_lies_in_the_folder_of_a_finished_study(finished):
+    part = "trials/part-000001-000004.parquet"
+    assert files(finished.folder) == ["journal.lock", "journal.log", "lock", "study.json", part]
 
 
 def test_parts_are_numbered_in_the_order_they_were_written(finished):
@@ -45,6 +51,7 @@ def test_parts_are_numbered_in_the_order_they_were_written(finished):
     assert kinds == ["design"] + ["trial"] * 8 + ["leader"] * 3
 
 
+@pytest.mark.usefixtures("loose")
 def test_a_part_is_never_written_over(finished):
     spec = small.spec()
     (finished.folder / "trials/part-000002.parquet").unlink()
@@ -99,6 +106,7 @@ def test_rows_have_every_column_of_the_schema(finished):
 # Reading
 
 
+@pytest.mark.usefixtures("loose")
 @pytest.mark.parametrize("content", [b"", b"PAR1", b"nonsense" * 100])
 def test_a_damaged_part_is_named(finished, content):
     part = finished.parts[2]
@@ -108,12 +116,14 @@ def test_a_damaged_part_is_named(finished, content):
     assert "Move it away and run the study again" in message
 
 
+@pytest.mark.usefixtures("loose")
 def test_a_part_that_was_cut_is_named(finished):
     part = finished.parts[1]
     part.write_bytes(part.read_bytes()[:-20])
     assert refused(finished.rows).startswith(f"{part}: is damaged")
 
 
+@pytest.mark.usefixtures("loose")
 def test_the_remedy_for_a_damaged_part_works(finished, tmp_path):
     whole = small.results(finished)
     part = finished.parts[2]

@@ -1,0 +1,128 @@
+"""A study's rows for other programs: one Parquet file, CSV, or a study of Optuna's."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Sequence
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+import optuna
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+from optuna.trial import FrozenTrial, TrialState
+
+from eiwa.core.errors import StoreError
+from eiwa.core.spec import StudySpec
+from eiwa.study import journal
+from eiwa.study.rows import Row
+from eiwa.study.run import metric_names, parameters
+from eiwa.study.sampler import distributions
+from eiwa.study.store import Store, write_atomically
+
+STATES = {"COMPLETE": TrialState.COMPLETE, "FAIL": TrialState.FAIL, "SKIPPED": TrialState.PRUNED}
+"""A design that was not evaluated has no values, as a pruned trial."""
+TOLD = ("kind", "number", "state", "started")
+"""Columns, besides parameters, objectives and constraints, that Optuna has a place for."""
+
+
+def export(spec: StudySpec, store: Store, target: str) -> int:
+    """Write the rows to a new ``.parquet``, ``.csv`` or ``.log`` (Optuna's journal) file, or an Optuna storage's URL.
+
+    Returns the number of rows, or of trials, written.
+
+    Raises
+    ------
+    StoreError
+        The target is none of these, exists already, or cannot be written; rows are of another study file, or missing.
+    """
+    if "://" in target:
+        return _to_optuna(spec, store.rows(), _database(target), target)
+    path = Path(target)
+    if path.suffix not in (".parquet", ".csv", ".log"):
+        raise StoreError(
+            f"{target}: write the name of a file that ends in .parquet, .csv or .log, or a URL such as sqlite:///study.db"
+        )
+    if path.exists():
+        raise StoreError(f"{path}: exists already. Move it away, or choose another name.")
+    if path.suffix == ".log":
+        return _to_optuna(spec, store.rows(), journal.storage(path), target)
+    table, sink = store.table(), pa.BufferOutputStream()
+    if path.suffix == ".parquet":
+        pq.write_table(table, sink, compression="zstd")
+    else:
+        pyarrow.csv.write_csv(flat(table), sink)
+    write_atomically(path, sink.getvalue().to_pybytes())
+    return int(table.num_rows)
+
+
+def flat(table: pa.Table) -> pa.Table:
+    """The table with lists as JSON."""
+    columns = [
+        pa.array([None if v is None else json.dumps(v) for v in column.to_pylist()], pa.string())
+        if pa.types.is_list(column.type)
+        else column
+        for column in table.columns
+    ]
+    return pa.table(dict(zip(table.column_names, columns, strict=True)))
+
+
+def _database(url: str) -> optuna.storages.BaseStorage:
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        return optuna.storages.get_storage(url)
+    except (SQLAlchemyError, ImportError, ValueError) as error:
+        raise StoreError(f"{url}: cannot be opened: {str(error).splitlines()[0]}") from None
+
+
+def _to_optuna(spec: StudySpec, rows: Sequence[Row], storage: Any, target: str) -> int:
+    trials = sorted((r for r in rows if r["kind"] == "trial"), key=lambda r: r["number"])
+    if any(r["spec_hash"] != spec.hash for r in trials):
+        raise StoreError(
+            f"{spec.path}: has changed since its trials were run. Export with the file that they were run with."
+        )
+    if [r["number"] for r in trials] != list(range(len(trials))):
+        raise StoreError(
+            f"{spec.study.name}: rows of trials are missing. Run the study again; they are evaluated again."
+        )
+    if spec.study.name in optuna.get_all_study_names(storage):
+        raise StoreError(
+            f"{target}: has a study {spec.study.name} already. Choose another place, or another study.name."
+        )
+    journal.quiet()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        directions = [o.direction for o in spec.objectives]
+        study = optuna.create_study(storage=storage, study_name=spec.study.name, directions=directions)
+        study.set_metric_names(metric_names(spec))
+    study.set_user_attr("constraints", [c.label for c in spec.constraints])
+    study.set_user_attr("spec_hash", spec.hash)
+    study.set_user_attr("study", json.loads(json.dumps(spec.resolved, default=str)))
+    study.add_trials([_trial(spec, r) for r in trials])
+    return len(trials)
+
+
+def _trial(spec: StudySpec, r: Row) -> FrozenTrial:
+    """A finished trial: violations where Optuna and its dashboard read them, all other columns as user attributes."""
+    complete = r["state"] == "COMPLETE"
+    told = ("parameters.", "objectives.", "constraints.")
+    others = {k: v for k, v in r.items() if v is not None and k not in TOLD and not k.startswith(told)}
+    violations = [r[f"constraints.{i}"] or 0.0 for i in range(len(spec.constraints))]
+    return FrozenTrial(
+        number=r["number"],
+        trial_id=-1,
+        state=STATES[r["state"]],
+        value=None,
+        values=[r[f"objectives.{i}"] for i in range(len(spec.objectives))] if complete else None,
+        params=parameters(r),
+        distributions=distributions(spec),
+        user_attrs=others,
+        system_attrs={"constraints": violations} if r["state"] != "FAIL" else {},
+        intermediate_values={},
+        datetime_start=r["started"],
+        datetime_complete=r["started"] + timedelta(seconds=r["seconds"]),
+    )
