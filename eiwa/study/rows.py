@@ -52,6 +52,11 @@ class Task:
     number: int | None = None
     parameters: Mapping[str, float] | None = None
 
+    @property
+    def label(self) -> str:
+        """What a message calls it."""
+        return f"{self.kind} {self.number if self.name is None else self.name}"
+
 
 def schema(spec: StudySpec) -> pa.Schema:
     """The columns of a study's rows."""
@@ -112,15 +117,7 @@ def row(spec: StudySpec, task: Task) -> Row:
     """Evaluate a task; a design that cannot be evaluated gives a FAIL row with its message."""
     started, clock = datetime.now(UTC), time.perf_counter()
     hits, misses = reuse.samples.hits, reuse.samples.misses
-    result: Row = {
-        "kind": task.kind,
-        "name": task.name,
-        "number": task.number,
-        "replicates": task.replicates,
-        "overrides": json.dumps(dict(task.overrides), sort_keys=True),
-        **{f"values.{path}": value for path, value in parted(task.overrides)[1].items()},
-        **{f"parameters.{name}": value for name, value in (task.parameters or {}).items()},
-    }
+    result = _asked(task)
     try:
         result |= _numbers(spec, task)
     # A plugin may raise anything; one design's failure must not end the study.
@@ -133,6 +130,24 @@ def row(spec: StudySpec, task: Task) -> Row:
         "computed": reuse.samples.misses - misses,
     }
     return {**result, **provenance(spec), **volatile}
+
+
+def failed(spec: StudySpec, task: Task, message: str) -> Row:
+    """The FAIL row of a task whose evaluation ended without an answer."""
+    volatile = {"started": datetime.now(UTC), "seconds": None, "reused": None, "computed": None}
+    return {**_asked(task), "state": "FAIL", "message": message, **provenance(spec), **volatile}
+
+
+def _asked(task: Task) -> Row:
+    return {
+        "kind": task.kind,
+        "name": task.name,
+        "number": task.number,
+        "replicates": task.replicates,
+        "overrides": json.dumps(dict(task.overrides), sort_keys=True),
+        **{f"values.{path}": value for path, value in parted(task.overrides)[1].items()},
+        **{f"parameters.{name}": value for name, value in (task.parameters or {}).items()},
+    }
 
 
 def _numbers(spec: StudySpec, task: Task) -> Row:
