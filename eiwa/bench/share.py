@@ -39,7 +39,7 @@ from eiwa.core.symbols import Column, absolute, floor
 from eiwa.core.transforms import inverse
 from eiwa.core.workspace import Target
 from eiwa.study.rows import Row
-from eiwa.study.run import Run
+from eiwa.study.run import Run, Silent
 from eiwa.study.store import Store
 
 FILL = "fill"
@@ -64,7 +64,7 @@ class SearchOver(Exception):
 
 
 @dataclass
-class Clock:
+class Clock(Silent):
     """Exclusive seconds of stages, while a study searches; everything else is ``rest``."""
 
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))

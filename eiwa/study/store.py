@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from eiwa.core.errors import StoreError
@@ -133,7 +134,7 @@ class Store:
         write_atomically(self.folder / "trials" / f"part-{number:06d}.parquet", sink.getvalue().to_pybytes())
 
     def table(self) -> pa.Table:
-        """All rows, in the order they were written.
+        """All rows: designs, trials by number, leaders; otherwise in the order they were written.
 
         Raises
         ------
@@ -149,7 +150,14 @@ class Store:
                     f"{part}: is damaged ({str(error).splitlines()[0]}). Move it away and run the study again: "
                     "its rows are evaluated again, to the same numbers."
                 ) from None
-        return pa.concat_tables(tables, promote_options="default") if tables else pa.table({})
+        if not tables:
+            return pa.table({})
+        table = pa.concat_tables(tables, promote_options="default")
+        # Rows are written as evaluations finish, in any order.
+        trial = pc.equal(table["kind"], "trial")
+        ranks = [pc.equal(table["kind"], "leader"), trial, pc.if_else(trial, table["number"], None)]
+        order = pa.table(dict(zip("abc", ranks, strict=True)))
+        return table.take(pc.sort_indices(order, sort_keys=[(key, "ascending") for key in "abc"]))
 
     def rows(self) -> list[Row]:
         """All rows as dictionaries."""
