@@ -77,7 +77,8 @@ class Cluster:
         from distributed import wait
 
         try:
-            wait(futures, timeout=PATIENCE, return_when="FIRST_COMPLETED")
+            with self._client.as_current():
+                wait(futures, timeout=PATIENCE, return_when="FIRST_COMPLETED")
         except TimeoutError:
             return []
         return [future for future in futures if future.done()]
