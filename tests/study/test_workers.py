@@ -177,7 +177,8 @@ def test_a_plugin_that_changes_meanwhile_is_told(tmp_path):
 def test_a_script_without_a_main_guard_is_told(path, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        f"import eiwa\nspec = eiwa.load({str(path)!r}, {{'execution.workers': 2, 'execution.retries': 0}})\neiwa.run(spec, {str(tmp_path)!r})\n"
+        f"import eiwa\nsettings = {{'execution.workers': 2, 'execution.retries': 0}}\n"
+        f"eiwa.run(eiwa.load({str(path)!r}, settings), {str(tmp_path)!r})\n"
     )
     root = str(Path(__file__).parents[2])
     done = subprocess.run(
