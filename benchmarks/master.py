@@ -46,12 +46,13 @@ def instead(spec, overrides, replicates=1, *, parameters=None, named=False):
 
 
 def seconds(spec, folder):
-    """Wall time of a run."""
+    """Wall time and processor time of a run, and its store."""
     store = Store(Path(folder) / spec.study.name)
     with patch.object(rows, "evaluate", instead):
-        begun = time.perf_counter()
+        clocks = time.perf_counter, time.process_time
+        begun = [clock() for clock in clocks]
         Run(spec, store).execute()
-        return time.perf_counter() - begun, store
+        return *(clock() - since for clock, since in zip(clocks, begun, strict=True)), store
 
 
 def main():
@@ -71,19 +72,19 @@ def main():
                 profile.runcall(seconds, spec, folder)
                 pstats.Stats(profile).sort_stats("cumulative").print_stats(45)
             else:
-                taken, _ = seconds(spec, folder)
+                wall, busy, _ = seconds(spec, folder)
+                each = 1000 / chosen.trials
                 print(
-                    f"{objectives} objective(s): {1000 * taken / chosen.trials:.1f} ms a trial over {chosen.trials}",
-                    flush=True,
+                    f"{objectives} objective(s), {chosen.trials} trials: {each * wall:.1f} ms a trial, {each * busy:.1f} busy"
                 )
     if chosen.storage:
         return
     with tempfile.TemporaryDirectory() as folder:
         spec = study(5000, 2, sampler="random")
-        taken, store = seconds(spec, folder)
-        print(f"5000 random trials: {taken:.1f} s, {len(store.parts)} parts")
-        again = min(seconds(spec, folder)[0] for _ in range(3))
-        print(f"resuming them: {again:.2f} s")
+        wall, busy, store = seconds(spec, folder)
+        print(f"5000 random trials: {wall:.1f} s ({busy:.1f} s busy), {len(store.parts)} parts")
+        again = min(seconds(spec, folder)[:2] for _ in range(3))
+        print(f"resuming them: {again[0]:.2f} s ({again[1]:.2f} s busy)")
 
 
 if __name__ == "__main__":

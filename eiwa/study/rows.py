@@ -19,6 +19,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 from importlib.metadata import version
 from typing import Any, Literal
 
@@ -191,17 +192,21 @@ def _indexed(kind: str, values: Sequence[Any]) -> Row:
 
 def provenance(spec: StudySpec) -> Row:
     """How a row was made."""
-    libraries = {name: version(name) for name in ("numpy", "scipy", "numba", "optuna")}
-    versions = {"eiwa": __version__, **libraries, **spec.registry.versions()}
     return {
         "spec_hash": spec.hash,
         "seed": spec.study.seed,
-        "versions": json.dumps(versions, sort_keys=True),
+        "versions": _versions(spec),
         "threads": thread_count(),
         "host": platform.node(),
         "pid": os.getpid(),
         "cpu": cpu()[0],
     }
+
+
+@lru_cache(maxsize=8)
+def _versions(spec: StudySpec) -> str:
+    libraries = {name: version(name) for name in ("numpy", "scipy", "numba", "optuna")}
+    return json.dumps({"eiwa": __version__, **libraries, **spec.registry.versions()}, sort_keys=True)
 
 
 def _message(error: Exception) -> str:

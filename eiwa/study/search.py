@@ -47,7 +47,8 @@ class Search:
 
     def batch(self, numbers: Iterable[int]) -> list[Asked]:
         """The unfinished trials among these: asked for now, or found from a run that was interrupted."""
-        found = [self._trial(number) for number in numbers]
+        with self._writing():
+            found = [self._trial(number) for number in numbers]
         return [Asked(t.number, t._trial_id, dict(t.params)) for t in found if t.state is TrialState.RUNNING]
 
     def tell(self, asked: Iterable[Asked]) -> None:
@@ -111,36 +112,38 @@ class Search:
 
     def _trial(self, number: int) -> FrozenTrial:
         """The trial of a number, as it is after every earlier one was asked for and no other of its batch was told."""
-        with self._writing():
-            self._study.sampler = sampler_of(self._spec, number)
-            if number in self._trials:
-                if self._trials[number].state is TrialState.RUNNING:
-                    self._adopt(self._trials[number])
-                    self._trials[number] = self._storage.optuna.get_trial(self._trials[number]._trial_id)
-            else:
-                if self._stateless and number in self._rows:
-                    frozen = self._frozen(number, running=True)
-                    trial_id = self._storage.optuna.create_new_trial(self._study._study_id, frozen)
-                else:
-                    trial_id = self._study.ask(self._distributions)._trial_id
-                self._trials[number] = self._storage.optuna.get_trial(trial_id)
+        self._study.sampler = sampler_of(self._spec, number)
+        known = self._trials.get(number)
+        if known is None:
+            trial_id = self._created(number)
+        elif known.state is TrialState.RUNNING:
+            trial_id = self._adopted(known)
+        else:
+            return known
+        self._trials[number] = self._storage.optuna.get_trial(trial_id)
         return self._trials[number]
+
+    def _created(self, number: int) -> int:
+        if self._stateless and number in self._rows:
+            frozen = self._frozen(number, running=True)
+            return self._storage.optuna.create_new_trial(self._study._study_id, frozen)
+        return self._study.ask(self._distributions)._trial_id
+
+    def _adopted(self, orphan: FrozenTrial) -> int:
+        """Suggest what an interruption left unsuggested, with the random numbers in step with an uninterrupted run."""
+        if orphan.params.keys() != self._distributions.keys():
+            trial = optuna.trial.Trial(self._study, orphan._trial_id)
+            for name, distribution in self._distributions.items():
+                if name not in orphan.params:
+                    trial._suggest(name, distribution)
+                elif name not in trial.relative_params:
+                    self._study.sampler.sample_independent(self._study, orphan, name, distribution)
+        return orphan._trial_id
 
     @property
     def _stateless(self) -> bool:
         """Whether finished trials need nothing that rows do not have."""
         return self._spec.study.sampler not in STATEFUL
-
-    def _adopt(self, orphan: FrozenTrial) -> None:
-        """Suggest what an interruption left unsuggested, with the random numbers in step with an uninterrupted run."""
-        if orphan.params.keys() == self._distributions.keys():
-            return
-        trial = optuna.trial.Trial(self._study, orphan._trial_id)
-        for name, distribution in self._distributions.items():
-            if name not in orphan.params:
-                trial._suggest(name, distribution)
-            elif name not in trial.relative_params:
-                self._study.sampler.sample_independent(self._study, orphan, name, distribution)
 
     def _frozen(self, number: int, running: bool = False) -> FrozenTrial:
         """The trial of a row."""
