@@ -16,9 +16,6 @@ from eiwa.study.rows import Row
 from eiwa.study.sampler import distributions, sampler_of
 from eiwa.study.storages import Storage
 
-STATEFUL = ("nsga2", "nsga3", "cmaes")
-"""Samplers that keep something with every trial, so that a lost study is asked for anew and told from the rows."""
-
 
 class Asked(NamedTuple):
     """A trial that waits for its result."""
@@ -98,20 +95,12 @@ class Search:
         return study
 
     def _rebuild(self) -> None:
-        """Add finished trials that have rows, as long as their batch is whole."""
-        while self._stateless and self._whole(self._batch_of(number := len(self._trials))):
-            trial_id = self._storage.optuna.create_new_trial(self._study._study_id, self._frozen(number))
-            self._trials[number] = self._storage.optuna.get_trial(trial_id)
-
-    def _batch_of(self, number: int) -> range:
-        first = number - number % self._spec.study.batch
-        return range(first, first + self._spec.study.batch)
-
-    def _whole(self, batch: range) -> bool:
-        return all(n in self._rows or (n in self._trials and self._trials[n].state.is_finished()) for n in batch)
+        """Add finished trials that only rows know, as far as none before them is missing."""
+        while (number := len(self._trials)) in self._rows:
+            self._trials[number] = self._storage.optuna.get_trial(self._created(number))
 
     def _trial(self, number: int) -> FrozenTrial:
-        """The trial of a number, as it is after every earlier one was asked for and no other of its batch was told."""
+        """The trial of a number: known, known of an interrupted run, or new."""
         self._study.sampler = sampler_of(self._spec, number)
         known = self._trials.get(number)
         if known is None:
@@ -124,9 +113,8 @@ class Search:
         return self._trials[number]
 
     def _created(self, number: int) -> int:
-        if self._stateless and number in self._rows:
-            frozen = self._frozen(number, running=True)
-            return self._storage.optuna.create_new_trial(self._study._study_id, frozen)
+        if number in self._rows:
+            return self._storage.optuna.create_new_trial(self._study._study_id, self._frozen(self._rows[number]))
         return self._study.ask(self._distributions)._trial_id
 
     def _adopted(self, orphan: FrozenTrial) -> int:
@@ -140,29 +128,22 @@ class Search:
                     self._study.sampler.sample_independent(self._study, orphan, name, distribution)
         return orphan._trial_id
 
-    @property
-    def _stateless(self) -> bool:
-        """Whether finished trials need nothing that rows do not have."""
-        return self._spec.study.sampler not in STATEFUL
-
-    def _frozen(self, number: int, running: bool = False) -> FrozenTrial:
-        """The trial of a row."""
-        result = self._rows[number]
+    def _frozen(self, result: Row) -> FrozenTrial:
+        """The finished trial of a row."""
         failed = result["state"] == "FAIL"
-        valued = not (running or failed)
         return optuna.trial.create_trial(
-            state=TrialState.RUNNING if running else TrialState.FAIL if failed else TrialState.COMPLETE,
-            values=self._objectives(result) if valued else None,
+            state=TrialState.FAIL if failed else TrialState.COMPLETE,
+            values=None if failed else self._objectives(result),
             params={name: result[f"parameters.{name}"] for name in self._spec.ranges},
             distributions=self._distributions,
-            system_attrs={"constraints": self._violations(result)} if valued else {},
+            system_attrs={} if failed else {"constraints": self._violations(result)},
         )
 
     def _objectives(self, result: Row) -> list[float]:
         """A row's objectives; a skipped design has the worst values known when its batch was asked for."""
         if result["state"] != "SKIPPED":
             return [result[f"objectives.{i}"] for i in range(len(self._spec.objectives))]
-        return self._worst(self._batch_of(result["number"]).start)
+        return self._worst(result["number"] - result["number"] % self._spec.study.batch)
 
     def _violations(self, result: Row) -> list[float]:
         """A row's violations; a skipped design has no value for those that need an evaluation."""
