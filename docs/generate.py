@@ -20,6 +20,7 @@ EXAMPLE = Path(__file__).parent.parent / "studies" / "paper.toml"
 RESULTS = Path(__file__).parent.parent / "benchmarks" / "results"
 SECTIONS = {
     "study": sections.StudySection,
+    "execution": sections.ExecutionSection,
     "layout": sections.LayoutSection,
     "operator": sections.OperatorSection,
     "dexterity": sections.DexteritySection,

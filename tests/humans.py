@@ -20,7 +20,7 @@ def registry():
 def human(kind, folder=Path(), **parameters):
     """The model of a [human] table, validated as a study's."""
     plugin = registry().find("human", kind, "human.kind")
-    return plugin.build(validated(plugin.parameters, parameters, "human", {"folder": folder}))
+    return plugin.build(validated(plugin.parameters, parameters, "human", {"locate": folder.joinpath}))
 
 
 def own_grid(model, r, operator=None):

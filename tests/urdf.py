@@ -57,7 +57,7 @@ def from_table(parameters):
 def read(folder, text, **table):
     """Validated parameters of a file with this text."""
     (folder / "arm.urdf").write_text(text)
-    return UrdfParameters.model_validate({"file": "arm.urdf", **table}, context={"folder": folder})
+    return UrdfParameters.model_validate({"file": "arm.urdf", **table}, context={"locate": folder.joinpath})
 
 
 def arm(folder, text, **table):

@@ -39,7 +39,8 @@ from eiwa.core.symbols import Column, absolute, floor
 from eiwa.core.transforms import inverse
 from eiwa.core.workspace import Target
 from eiwa.study.rows import Row
-from eiwa.study.run import Run
+from eiwa.study.run import Run, Silent
+from eiwa.study.search import Search
 from eiwa.study.store import Store
 
 FILL = "fill"
@@ -50,7 +51,7 @@ STAGES: dict[str, list[tuple[Any, str]]] = {
     "elites": [(evaluation, "refine")],
     "E": [(outcome, "ergonomic_field")],
     "metrics": [(outcome, "metrics")],
-    "Optuna": [(Run, "_trial"), (Run, "_tell")],
+    "Optuna": [(Search, "batch"), (Search, "tell")],
     "storage": [(Store, "write"), (JournalFileBackend, "append_logs")],
 }
 """Doors of the stages: where a function is looked up when it is called."""
@@ -64,7 +65,7 @@ class SearchOver(Exception):
 
 
 @dataclass
-class Clock:
+class Clock(Silent):
     """Exclusive seconds of stages, while a study searches; everything else is ``rest``."""
 
     seconds: dict[str, float] = field(default_factory=lambda: defaultdict(float))

@@ -30,6 +30,10 @@ app.command("replay")(stored.replay)
 def run(
     study: StudyFile,
     fresh: bool = typer.Option(False, "--fresh", help="Begin anew; old results are kept aside."),
+    workers: Annotated[
+        int | None,
+        typer.Option("--workers", metavar="N", min=0, help="Worker processes, as execution.workers says otherwise."),
+    ] = None,
     runs: Runs = "runs",
     set_: Settings = None,
     as_json: AsJson = False,
@@ -44,7 +48,8 @@ def run(
     from eiwa.study.store import Store
 
     listen_to_log()
-    spec = load(Path(study), settings(set_))
+    chosen = {} if workers is None else {"execution.workers": workers}
+    spec = load(Path(study), settings(set_) | chosen)
     store = Store(Path(runs) / spec.study.name)
     console = err()
     if fresh and (aside := store.set_aside()):

@@ -23,7 +23,7 @@ class DataFile:
 
 
 def _read(value: Any, info: ValidationInfo) -> DataFile:
-    """The file of a name, looked for in the validation context's ``folder``.
+    """The file of a name, where the validation context's ``locate`` says.
 
     A name may end in `` sha256:...``, as a resolved study shows it: the content must then be the same.
     """
@@ -32,7 +32,7 @@ def _read(value: Any, info: ValidationInfo) -> DataFile:
     if not (isinstance(value, str) and value):
         raise ValueError("must be the name of a file, relative to the study file")
     name, _, wanted = value.partition(" sha256:")
-    path = Path((info.context or {}).get("folder", ".")) / name
+    path = (info.context or {}).get("locate", Path)(name)
     try:
         digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
     except OSError as error:

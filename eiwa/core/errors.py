@@ -6,11 +6,13 @@
     ├── SpecError       a study file says something that cannot be: path, value, what is allowed, remedy
     ├── SingularArm     no posture of the arm has any dexterity in the rows that the index looks at
     ├── PluginError     a plugin is broken, missing, or clashes with another
-    └── StoreError      a study's folder cannot be read, written, or continued
+    ├── StoreError      a study's folder cannot be read, written, or continued
+    └── ExecutionError  workers cannot be started or reached, or are not like this process
 """
 
 from __future__ import annotations
 
+import re
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -47,6 +49,10 @@ class PluginError(EiwaError):
 
 class StoreError(EiwaError):
     """A study's folder on disk cannot be used as asked."""
+
+
+class ExecutionError(EiwaError):
+    """Evaluations cannot be handed to other processes."""
 
 
 @contextmanager
@@ -92,5 +98,5 @@ def finding(path: str, problem: str, *, value: object = _NOTHING, remedy: str = 
 
 
 def _short(value: object, width: int = 60) -> str:
-    text = repr(value)
+    text = re.sub(r"(://[^/@:]*):[^/@]*@", r"\1:***@", repr(value))  # no password is shown
     return text if len(text) <= width else text[: width - 3] + "..."

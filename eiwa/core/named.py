@@ -42,10 +42,10 @@ def _tables(path: str, name: Any, registry: Registry) -> Tree:
     if not (isinstance(name, str) and name):
         raise SpecError(finding(path, "must be the name of a TOML file, relative to the study file.", value=name))
     try:
-        tree = tomllib.loads((registry.folder / name).read_text(encoding="utf-8"))
+        tree = tomllib.loads(registry.locate(name).read_text(encoding="utf-8"))
     except OSError as error:
         reason = (error.strerror or "error").lower()
-        problem = f"the file cannot be read ({reason}); looked for {registry.folder / name}."
+        problem = f"the file cannot be read ({reason}); looked for {registry.locate(name)}."
         raise SpecError(finding(path, problem, value=name)) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise SpecError(finding(path, f"is not TOML: {error}.", value=name)) from None

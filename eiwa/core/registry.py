@@ -6,7 +6,7 @@ import hashlib
 import importlib
 import importlib.util
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -81,7 +81,9 @@ class Registry:
     files: dict[Path, str] = field(default_factory=dict)
     """Where local files lie -> the name that the study gives them."""
     folder: Path = Path()
-    """Where files that parameters name are looked for: the study file's folder."""
+    """Where files that the study names are looked for: the study file's folder."""
+    located: dict[str, Path] = field(default_factory=dict)
+    """Files that the study names -> where they lie."""
 
     def find(self, kind: str, name: str, path: str) -> Plugin:
         """The record of a kind and name, asked for at a TOML path.
@@ -100,7 +102,11 @@ class Registry:
     @property
     def context(self) -> dict[str, Any]:
         """What parameters that name files or other plugins are validated with."""
-        return {"folder": self.folder, "part": self.part}
+        return {"locate": self.locate, "part": self.part}
+
+    def locate(self, name: str) -> Path:
+        """Where a file lies that the study names."""
+        return self.located.setdefault(name, self.folder / name)
 
     def part(self, kind: str, table: Tree) -> Part:
         """The plugin of a table inside another plugin's parameters.
@@ -176,8 +182,8 @@ class Registry:
             taken = f"the metric number {clash[0]!r}"
         raise PluginError(f"{entry.provider} and {other.provider} both provide {taken}: rename one of them")
 
-    def add_file(self, path: Path, name: str, where: str) -> None:
-        """Register a local plugin file, by the name that the study gives it.
+    def add_file(self, name: str, where: str) -> None:
+        """Register a local plugin file, by the name that the study gives it at a TOML path.
 
         Raises
         ------
@@ -186,6 +192,7 @@ class Registry:
         PluginError
             It raises on import, or :meth:`add` refuses it.
         """
+        path = self.locate(name)
         if not path.is_file():
             raise SpecError(finding(where, "there is no such plugin file.", value=name, remedy=f"Looked for {path}."))
         content = path.read_bytes()
@@ -196,9 +203,11 @@ class Registry:
         self.add(module, name, f"sha256:{digest}")
 
 
-def load(files: Sequence[tuple[Path, str, str]] = (), folder: Path = Path()) -> Registry:
-    """The registry of built-ins, installed plugins, and local files given as (path, name, TOML path)."""
-    registry = Registry(folder=folder)
+def load(
+    files: Sequence[tuple[str, str]] = (), folder: Path = Path(), located: Mapping[str, Path] | None = None
+) -> Registry:
+    """The registry of built-ins, installed plugins, and local files given as (name, TOML path)."""
+    registry = Registry(folder=folder, located=dict(located or {}))
     for name in BUILT_IN:
         registry.add(importlib.import_module(name), name, __version__)
     for entry_point in sorted(entry_points(group=PROJECT), key=lambda e: e.name):
@@ -209,8 +218,8 @@ def load(files: Sequence[tuple[Path, str, str]] = (), folder: Path = Path()) -> 
         # Whatever an installed plugin raises must not take down a study that does not use it.
         except Exception as error:
             registry.broken.append(Broken(provider, _one_line(error)))
-    for path, name, where in files:
-        registry.add_file(path, name, where)
+    for name, where in files:
+        registry.add_file(name, where)
     return registry
 
 

@@ -41,6 +41,7 @@ def schema(registry: Registry, part: bool = False) -> Schema:
             "description": "Named designs: paths with values, and what was published.",
             "additionalProperties": _design(registry, definitions),
         },
+        "execution": _own(sections.ExecutionSection, definitions),
         "assumptions": {
             "type": "object",
             "description": "Paths, and why they have the value that they have.",

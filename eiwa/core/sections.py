@@ -32,6 +32,31 @@ class StudySection(Parameters):
     )
 
 
+class ExecutionSection(Parameters):
+    """Where evaluations run and what Optuna stores; it changes no number."""
+
+    workers: int = quantity(0, ge=0, le=1024, description="Worker processes on this machine; 0 and 1: this one alone.")
+    executor: Literal["local", "dask"] = quantity("local", description="This machine, or a Dask cluster.")
+    threads: int | None = quantity(
+        None, ge=1, le=1024, description="Threads of one worker; without it the processors are shared evenly."
+    )
+    scheduler: str | None = quantity(
+        None, pattern=r"^[a-z]+://", description="Address of the Dask scheduler, as tcp://HOST:8786."
+    )
+    retries: int = quantity(2, ge=0, le=100, description="Times that a design whose worker died is tried again.")
+    storage: str | None = quantity(
+        None, pattern=r"^(sqlite:///.|postgresql)", description="URL of Optuna's storage; without it a journal file."
+    )
+
+    @model_validator(mode="after")
+    def _dask_has_a_scheduler(self) -> Self:
+        if (self.executor == "dask") != (self.scheduler is not None):
+            raise ValueError('executor = "dask" and scheduler go together')
+        if self.executor == "dask" and self.workers:
+            raise ValueError("a Dask cluster has its own number of workers: leave workers out")
+        return self
+
+
 class LayoutSection(Parameters):
     """Where the two bases stand in the operator frame W."""
 

@@ -21,12 +21,19 @@ from eiwa.core.named import named_design, parted, pinned, refuse_unquoted
 from eiwa.core.registry import Registry
 from eiwa.core.samplers import Auto, Chosen, automatic
 from eiwa.core.scenarios import Scenario, scenarios
-from eiwa.core.sections import ConstraintSection, DesignSection, ObjectiveSection, RangeSection, StudySection
+from eiwa.core.sections import (
+    ConstraintSection,
+    DesignSection,
+    ExecutionSection,
+    ObjectiveSection,
+    RangeSection,
+    StudySection,
+)
 from eiwa.core.tree import Tree, did_you_mean, exists, leaves, lookup, replaced
 
 TABLES = (
     "study", "plugins", *SECTIONS, "variables", "search", "scenarios", "objectives", "constraints", "designs",
-    "assumptions",
+    "assumptions", "execution",
 )  # fmt: skip
 M = TypeVar("M", ObjectiveSection, ConstraintSection)
 
@@ -48,6 +55,7 @@ class StudySpec:
     constraints: Sequence[ConstraintSection]
     designs: Mapping[str, DesignSection]
     assumptions: Mapping[str, str]
+    execution: ExecutionSection
     defaults: Tree
     """The design tables with every default written out."""
 
@@ -128,12 +136,13 @@ class StudySpec:
         tree["constraints"] = [c.model_dump(mode="json") for c in self.constraints]
         tree["designs"] = {name: d.model_dump(mode="json") for name, d in self.designs.items()}
         tree["plugin files"] = dict(self.registry.digests)
+        tree["execution"] = self.execution.model_dump(mode="json")
         return tree
 
     @cached_property
     def identity(self) -> Tree:
         """The part of :attr:`resolved` that changes a trial's numbers."""
-        tree = {k: v for k, v in self.resolved.items() if k != "designs"}
+        tree = {k: v for k, v in self.resolved.items() if k not in ("designs", "execution")}
         tree["study"] = {k: v for k, v in tree["study"].items() if k not in ("name", "trials")}
         if any(o.over == "designs" for o in self.objectives):
             tree["designs"] = self.resolved["designs"]
@@ -187,9 +196,9 @@ def read(path: Path) -> Tree:
         raise SpecError(f"{path}: is not TOML: {error}.") from None
 
 
-def registry_of(tree: Tree, path: Path) -> Registry:
+def registry_of(tree: Tree, path: Path, located: Mapping[str, Path] | None = None) -> Registry:
     """The plugins that a study file can name, its own files among them."""
-    return plugins.load(_plugin_files(tree, path), path.parent)
+    return plugins.load(_plugin_files(tree), path.parent, located)
 
 
 def _defaults(tree: Tree, path: Path) -> Tree:
@@ -200,12 +209,15 @@ def _defaults(tree: Tree, path: Path) -> Tree:
         return {}
 
 
-def check(tree: Tree, path: Path) -> StudySpec:
-    """Check a study file's tree; ``path`` is where local plugin files are looked for."""
+def check(tree: Tree, path: Path, located: Mapping[str, Path] | None = None) -> StudySpec:
+    """Check a study file's tree.
+
+    The files that it names are looked for beside ``path``, but for those that were ``located`` elsewhere.
+    """
     unknown = [finding(key, f"unknown table{did_you_mean(key, TABLES)}") for key in tree if key not in TABLES]
     if unknown:
         raise SpecError(*unknown)
-    registry = registry_of(tree, path)
+    registry = registry_of(tree, path, located)
     findings: list[str] = []
     base: Design | None = None
     try:
@@ -221,6 +233,7 @@ def check(tree: Tree, path: Path) -> StudySpec:
             constraints=_list(tree, "constraints", ConstraintSection),
             designs={n: named_design(n, t, registry) for n, t in _table(tree, "designs").items()},
             assumptions=_assumptions(tree),
+            execution=validated(ExecutionSection, tree.get("execution", {}), "execution"),
             defaults=defaults,
         )  # fmt: skip
     except SpecError as error:
@@ -246,11 +259,11 @@ def _pinned(spec: StudySpec) -> StudySpec:
     )
 
 
-def _plugin_files(tree: Tree, path: Path) -> list[tuple[Path, str, str]]:
+def _plugin_files(tree: Tree) -> list[tuple[str, str]]:
     files = tree.get("plugins", [])
     if not (isinstance(files, list) and all(isinstance(f, str) for f in files)):
         raise SpecError(finding("plugins", "must be a list of file names.", value=files, remedy='plugins = ["my.py"]'))
-    return [(path.parent / name, name, f"plugins.{i}") for i, name in enumerate(files)]
+    return [(name, f"plugins.{i}") for i, name in enumerate(files)]
 
 
 def _table(tree: Tree, name: str) -> Mapping[str, Any]:

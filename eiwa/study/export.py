@@ -18,9 +18,10 @@ from optuna.trial import FrozenTrial, TrialState
 from eiwa.core.errors import StoreError
 from eiwa.core.spec import StudySpec
 from eiwa.study import journal
+from eiwa.study.leaders import parameters
 from eiwa.study.rows import Row
-from eiwa.study.run import metric_names, parameters
 from eiwa.study.sampler import distributions
+from eiwa.study.search import metric_names
 from eiwa.study.store import Store, write_atomically
 
 STATES = {"COMPLETE": TrialState.COMPLETE, "FAIL": TrialState.FAIL, "SKIPPED": TrialState.PRUNED}

@@ -1,11 +1,13 @@
-"""Optuna's journal file: our lock, mended tails, and its rebuilding from Parquet rows."""
+"""Optuna's journal file: our lock, whole transactions, mended tails."""
 
 from __future__ import annotations
 
 import fcntl
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import optuna
 from optuna.storages import JournalStorage
@@ -15,23 +17,81 @@ from eiwa.core.errors import StoreError
 
 
 class FileLock:
-    """An advisory lock that the system releases when its holder dies."""
+    """An advisory lock that the system releases when its holder dies; its holder may take it again."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._file: IO[str] | None = None
+        self._depth = 0
 
     def acquire(self) -> bool:
         """Wait for the lock."""
-        self._file = self._path.open("a")
-        fcntl.flock(self._file, fcntl.LOCK_EX)
+        if self._file is None:
+            file = self._path.open("a")
+            fcntl.flock(file, fcntl.LOCK_EX)
+            self._file = file
+        self._depth += 1
         return True
 
     def release(self) -> None:
         """Give it back."""
-        if self._file is not None:
+        self._depth -= 1
+        if not self._depth and self._file is not None:
             self._file.close()
             self._file = None
+
+
+def tried(file: IO[str]) -> bool:
+    """Take the lock of an open file unless another process has it."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+class Journal(JournalFileBackend):
+    """A journal that can write several logs at once, and none when what made them is interrupted."""
+
+    def __init__(self, path: Path) -> None:
+        self._own = FileLock(path.with_name("journal.lock"))
+        super().__init__(str(path), lock_obj=self._own)  # type: ignore[arg-type]
+        self._pending: list[dict[str, Any]] | None = None
+        self._read = 0
+        """Logs of the file that were read."""
+
+    def read_logs(self, log_number_from: int) -> Iterator[dict[str, Any]]:  # type: ignore[override]
+        """Logs from a number on: those of the file, and within a transaction those that wait to be written."""
+        if self._pending is not None:
+            yield from self._pending[log_number_from - self._read :]
+            return
+        for number, log in enumerate(super().read_logs(log_number_from), log_number_from):
+            self._read = number + 1
+            yield log
+
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
+        """Write logs, or keep them for the end of the transaction."""
+        if self._pending is None:
+            super().append_logs(logs)
+        else:
+            self._pending += json.loads(json.dumps(logs))  # as they will be read
+
+    @contextmanager
+    def transaction(self, storage: JournalStorage) -> Iterator[None]:
+        """Nobody else writes, and all that is written inside is written at once at the end."""
+        self._own.acquire()
+        try:
+            storage.get_all_studies()  # reads what others wrote
+            self._pending = []
+            try:
+                yield
+            finally:
+                logs, self._pending = self._pending, None
+            if logs:
+                super().append_logs(logs)
+                self._read += len(logs)
+        finally:
+            self._own.release()
 
 
 def storage(path: Path) -> JournalStorage:
@@ -46,9 +106,8 @@ def storage(path: Path) -> JournalStorage:
     if path.exists():
         _mend_tail(path)
         _check(path)
-    lock = FileLock(path.with_name("journal.lock"))
     try:
-        found = JournalStorage(JournalFileBackend(str(path), lock_obj=lock))  # type: ignore[arg-type]
+        found = JournalStorage(Journal(path))
         found.get_all_studies()
     except OSError:
         raise

@@ -19,6 +19,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import lru_cache
 from importlib.metadata import version
 from typing import Any, Literal
 
@@ -53,6 +54,11 @@ class Task:
     name: str | None = None
     number: int | None = None
     parameters: Mapping[str, float] | None = None
+
+    @property
+    def label(self) -> str:
+        """What a message calls it."""
+        return f"{self.kind} {self.number if self.name is None else self.name}"
 
 
 def schema(spec: StudySpec) -> pa.Schema:
@@ -128,16 +134,7 @@ def row(spec: StudySpec, task: Task) -> Row:
     """Evaluate a task; a design that cannot be evaluated gives a FAIL row with its message."""
     started, clock = datetime.now(UTC), time.perf_counter()
     hits, misses = reuse.samples.hits, reuse.samples.misses
-    result: Row = {
-        "kind": task.kind,
-        "name": task.name,
-        "number": task.number,
-        "replicates": task.replicates,
-        "overrides": json.dumps(dict(task.overrides), sort_keys=True),
-        "estimator": task.overrides.get("sampling.estimator", spec.defaults["sampling"]["estimator"]),
-        **{f"values.{path}": value for path, value in parted(task.overrides)[1].items()},
-        **{f"parameters.{name}": value for name, value in (task.parameters or {}).items()},
-    }
+    result = _asked(spec, task)
     try:
         result |= _numbers(spec, task)
     # A plugin may raise anything; one design's failure must not end the study.
@@ -150,6 +147,25 @@ def row(spec: StudySpec, task: Task) -> Row:
         "computed": reuse.samples.misses - misses,
     }
     return {**result, **provenance(spec), **volatile}
+
+
+def failed(spec: StudySpec, task: Task, message: str) -> Row:
+    """The FAIL row of a task whose evaluation ended without an answer."""
+    volatile = {"started": datetime.now(UTC), "seconds": None, "reused": None, "computed": None}
+    return {**_asked(spec, task), "state": "FAIL", "message": message, **provenance(spec), **volatile}
+
+
+def _asked(spec: StudySpec, task: Task) -> Row:
+    return {
+        "kind": task.kind,
+        "name": task.name,
+        "number": task.number,
+        "replicates": task.replicates,
+        "overrides": json.dumps(dict(task.overrides), sort_keys=True),
+        "estimator": task.overrides.get("sampling.estimator", spec.defaults["sampling"]["estimator"]),
+        **{f"values.{path}": value for path, value in parted(task.overrides)[1].items()},
+        **{f"parameters.{name}": value for name, value in (task.parameters or {}).items()},
+    }
 
 
 def _numbers(spec: StudySpec, task: Task) -> Row:
@@ -193,18 +209,22 @@ def _indexed(kind: str, values: Sequence[Any]) -> Row:
 
 def provenance(spec: StudySpec) -> Row:
     """How a row was made."""
-    libraries = {name: version(name) for name in ("numpy", "scipy", "numba", "optuna")}
-    versions = {"eiwa": __version__, **libraries, **spec.registry.versions()}
     return {
         "spec_hash": spec.hash,
         "seed": spec.study.seed,
-        "versions": json.dumps(versions, sort_keys=True),
+        "versions": _versions(spec),
         "threads": thread_count(),
         "host": platform.node(),
         "pid": os.getpid(),
         "cpu": cpu()[0],
         "cpu_features": digest(cpu()[1]),
     }
+
+
+@lru_cache(maxsize=8)
+def _versions(spec: StudySpec) -> str:
+    libraries = {name: version(name) for name in ("numpy", "scipy", "numba", "optuna")}
+    return json.dumps({"eiwa": __version__, **libraries, **spec.registry.versions()}, sort_keys=True)
 
 
 def _message(error: Exception) -> str:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from eiwa.core.errors import StoreError
@@ -186,7 +187,7 @@ class Store:
         write_atomically(self.folder / "trials" / name, sink.getvalue().to_pybytes())
 
     def table(self) -> pa.Table:
-        """All rows, in the order they were written; the last part's metadata.
+        """All rows: designs, trials by number, leaders, else in the order they were written; the last part's metadata.
 
         Raises
         ------
@@ -195,7 +196,7 @@ class Store:
         """
         while True:
             with suppress(FileNotFoundError):  # gathered by a running study since its name was read
-                return _joined([_read(part) for part in self.parts])
+                return _in_order(_joined([_read(part) for part in self.parts]))
 
     def rows(self) -> list[Row]:
         """All rows as dictionaries."""
@@ -232,6 +233,16 @@ def _joined(tables: Sequence[pa.Table]) -> pa.Table:
         return pa.table({})
     whole = pa.concat_tables(tables, promote_options="default")
     return whole.replace_schema_metadata(tables[-1].schema.metadata)
+
+
+def _in_order(table: pa.Table) -> pa.Table:
+    """Rows are written as evaluations finish, in any order."""
+    if not table.num_rows:
+        return table
+    trial = pc.equal(table["kind"], "trial")
+    ranks = [pc.equal(table["kind"], "leader"), trial, pc.if_else(trial, table["number"], None)]
+    order = pa.table(dict(zip("abc", ranks, strict=True)))
+    return table.take(pc.sort_indices(order, sort_keys=[(key, "ascending") for key in "abc"]))
 
 
 def write_atomically(path: Path, content: bytes) -> None:

@@ -149,7 +149,7 @@ def _in_file(registry: Registry, path: Path) -> list[Entry]:
         ]
         if installed:
             return installed
-        registry.add_file(path, str(path), "plugin file")
+        registry.add_file(str(path), "plugin file")
     entries = [e for e in registry.entries.values() if e.provider == registry.files[path.resolve()]]
     if not entries:
         raise PluginError(f"{path}: has no hooks. Mark a function {', '.join(KINDS.values())} with @hookimpl.")

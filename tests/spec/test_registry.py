@@ -248,7 +248,7 @@ def eiwa_arms():
 
 
 def load_file(path):
-    return load([(path, path.name, "plugins.0")])
+    return load([(path.name, "plugins.0")], path.parent)
 
 
 def test_a_local_file(tmp_path):
@@ -324,6 +324,6 @@ def test_two_files_of_one_name_are_both_told_apart(tmp_path):
     for folder in ("a", "b"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "my_arm.py").write_text(FILE.replace('"mine"', f'"{folder}"'))
-    known = load([(tmp_path / name, name, f"plugins.{i}") for i, name in enumerate(("a/my_arm.py", "b/my_arm.py"))])
+    known = load([(name, f"plugins.{i}") for i, name in enumerate(("a/my_arm.py", "b/my_arm.py"))], tmp_path)
     assert {"a", "b"} <= set(known.names("arm"))
     assert len(known.digests) == 2

@@ -198,7 +198,7 @@ def parameters(store):
     }
 
 
-def start(*arguments, folder, **environment):
+def start(*arguments, folder, start_new_session=False, **environment):
     """``python -m eiwa ...`` in a folder; Ctrl-C reaches it even where the tests themselves run in the background."""
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -209,6 +209,7 @@ def start(*arguments, folder, **environment):
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
+            start_new_session=start_new_session,
         )
     finally:
         signal.signal(signal.SIGINT, handler)

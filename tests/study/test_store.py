@@ -309,14 +309,11 @@ def fill(disk, left):
         file.write(bytes(max(0, status.f_bavail - left) * status.f_frsize))
 
 
-class FillAfter:
+class FillAfter(small.Silent):
     """A listener that fills the disk after so many trials."""
 
     def __init__(self, disk, trials, left):
         self.disk, self.trials, self.left = disk, trials, left
-
-    def begin(self, stage, total, done):
-        pass
 
     def __call__(self, stage, row):
         self.trials -= stage == "search"
