@@ -209,22 +209,22 @@ def _indexed(kind: str, values: Sequence[Any]) -> Row:
 
 def provenance(spec: StudySpec) -> Row:
     """How a row was made."""
-    return {
-        "spec_hash": spec.hash,
-        "seed": spec.study.seed,
-        "versions": _versions(spec),
-        "threads": thread_count(),
-        "host": platform.node(),
-        "pid": os.getpid(),
-        "cpu": cpu()[0],
-        "cpu_features": digest(cpu()[1]),
-    }
+    return {**_lasting(spec), "threads": thread_count(), "pid": os.getpid()}
 
 
 @lru_cache(maxsize=8)
-def _versions(spec: StudySpec) -> str:
+def _lasting(spec: StudySpec) -> Row:
+    """What is the same for every row of a process; reading versions takes milliseconds."""
     libraries = {name: version(name) for name in ("numpy", "scipy", "numba", "optuna")}
-    return json.dumps({"eiwa": __version__, **libraries, **spec.registry.versions()}, sort_keys=True)
+    versions = {"eiwa": __version__, **libraries, **spec.registry.versions()}
+    return {
+        "spec_hash": spec.hash,
+        "seed": spec.study.seed,
+        "versions": json.dumps(versions, sort_keys=True),
+        "host": platform.node(),
+        "cpu": cpu()[0],
+        "cpu_features": digest(cpu()[1]),
+    }
 
 
 def _message(error: Exception) -> str:
