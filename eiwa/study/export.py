@@ -6,6 +6,7 @@ import json
 import warnings
 from collections.abc import Sequence
 from datetime import timedelta
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,7 @@ def export(spec: StudySpec, store: Store, target: str) -> int:
     Raises
     ------
     StoreError
-        The target is none of these, exists already, or cannot be written; rows are of another study file, or missing.
+        The target is none of these, exists already, or cannot be written; or rows are of another study file.
     """
     if "://" in target:
         return _to_optuna(spec, store.rows(), _database(target), target)
@@ -81,14 +82,12 @@ def _database(url: str) -> optuna.storages.BaseStorage:
 
 
 def _to_optuna(spec: StudySpec, rows: Sequence[Row], storage: Any, target: str) -> int:
-    trials = sorted((r for r in rows if r["kind"] == "trial"), key=lambda r: r["number"])
+    known = {r["number"]: r for r in rows if r["kind"] == "trial"}
+    # Numbers are Optuna's own: behind a trial that is not finished yet, none can keep its number.
+    trials = [known[n] for n in range(next(n for n in count() if n not in known))]
     if any(r["spec_hash"] != spec.hash for r in trials):
         raise StoreError(
             f"{spec.path}: has changed since its trials were run. Export with the file that they were run with."
-        )
-    if [r["number"] for r in trials] != list(range(len(trials))):
-        raise StoreError(
-            f"{spec.study.name}: rows of trials are missing. Run the study again; they are evaluated again."
         )
     if spec.study.name in optuna.get_all_study_names(storage):
         raise StoreError(

@@ -14,7 +14,7 @@ from eiwa.study.rows import VERSION, schema
 from eiwa.study.store import Store
 from tests.study import small
 
-COLUMNS = pa.schema([("number", pa.int64()), ("F", pa.float64())])
+COLUMNS = pa.schema([("kind", pa.string()), ("number", pa.int64()), ("F", pa.float64())])
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def store(tmp_path):
 
 def write(store, *numbers, columns=COLUMNS):
     for number in numbers:
-        store.write([{"number": number, "F": number / 7}], columns)
+        store.write([{"kind": "trial", "number": number, "F": number / 7}], columns)
 
 
 def numbers(store):
@@ -88,7 +88,7 @@ def test_a_column_that_comes_later(store):
     write(store, 0)
     write(store, 1, columns=COLUMNS.append(pa.field("more", pa.float64())))
     store.compact()
-    assert store.table().column_names == ["number", "F", "more"]
+    assert store.table().column_names == ["kind", "number", "F", "more"]
     assert numbers(store) == [0, 1]
 
 

@@ -151,3 +151,11 @@ def test_the_command(cli, tmp_path, monkeypatch):  # noqa: F811
     assert "12 rows in x.csv" in cli("study", "export", path, "--to", "x.csv").out
     said = json.loads(cli("study", "export", path, "--to", "sqlite:///x.db", "--json").out)
     assert said == {"study": "small", "to": "sqlite:///x.db", "count": 8}
+
+
+def test_trials_behind_an_unfinished_one_are_left_out(study, tmp_path):
+    spec, store = study
+    (part,) = store.parts
+    table = pq.read_table(part)
+    pq.write_table(table.filter([n != 37 for n in table["number"].to_pylist()]), part)
+    assert export(spec, store, str(tmp_path / "study.log")) == 37
