@@ -50,8 +50,10 @@ class ExecutionSection(Parameters):
 
     @model_validator(mode="after")
     def _dask_has_a_scheduler(self) -> Self:
-        if (self.executor == "dask") != (self.scheduler is not None):
-            raise ValueError('executor = "dask" and scheduler go together')
+        if self.executor == "dask" and self.scheduler is None:
+            raise ValueError("executor = 'dask' needs scheduler")
+        if self.executor != "dask" and self.scheduler is not None:
+            raise ValueError("scheduler needs executor = 'dask'")
         if self.executor == "dask" and self.workers:
             raise ValueError("a Dask cluster has its own number of workers: leave workers out")
         return self

@@ -17,7 +17,9 @@ from eiwa.study.parcel import packed, unpacked
 from eiwa.study.rows import Row, Task, failed, row
 
 REACH = 10.0
-"""Seconds in which the scheduler must answer, and after which its user hears that it has no workers."""
+"""Seconds in which the scheduler must answer."""
+LONELY = 10.0
+"""Seconds after which the user hears that it has no workers."""
 
 
 @contextmanager
@@ -118,7 +120,7 @@ class Cluster:
         now = time.monotonic()
         if self._alone_since is None:
             self._alone_since = now
-        elif now - self._alone_since > REACH:
+        elif now - self._alone_since > LONELY:
             self._say(f"{self._spec.execution.scheduler} has no workers; the study waits for some (dask worker).")
             self._alone_since = float("inf")
 

@@ -75,6 +75,7 @@ def _database(address: str, study: str, stack: ExitStack) -> Storage:
         alive = hold(url, study, place, stack)
         storage = RDBStorage(full)
     stack.callback(storage.engine.dispose)
+    stack.callback(storage.remove_session)
 
     @contextmanager
     def transaction() -> Iterator[None]:

@@ -2,6 +2,7 @@
 
 import sys
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import optuna
@@ -48,13 +49,19 @@ def refused(spec, folder):
     return str(error.value)
 
 
-def trials(storage, name="small"):
+@contextmanager
+def looking(storage):
+    """Optuna's own view of a database."""
     storage = optuna.storages.RDBStorage(storage.replace("postgresql:", "postgresql+psycopg:"))
-    try:
-        loaded = optuna.load_study(study_name=name, storage=storage)
+    yield storage
+    storage.remove_session()
+    storage.engine.dispose()
+
+
+def trials(storage, name="small"):
+    with looking(storage) as found:
+        loaded = optuna.load_study(study_name=name, storage=found)
         return [(t.state.name, t.params, t.values, t.system_attrs.get("constraints")) for t in loaded.get_trials()]
-    finally:
-        storage.engine.dispose()
 
 
 @pytest.fixture
@@ -88,8 +95,8 @@ def test_a_lost_database_is_rebuilt_from_the_rows(storage, tmp_path, no_work):
     store = small.run(study(storage), tmp_path / "runs")
     before = trials(storage)
     rows = store.rows()
-    full = storage.replace("postgresql:", "postgresql+psycopg:")
-    optuna.delete_study(study_name="small", storage=full)
+    with looking(storage) as found:
+        optuna.delete_study(study_name="small", storage=found)
     assert small.run(study(storage), tmp_path / "runs").rows() == rows
     assert trials(storage) == before
 

@@ -18,6 +18,7 @@ from eiwa.study.run import Silent
 from eiwa.study.store import Store
 from tests.study import small
 
+ROOT = Path(__file__).parents[2]
 TRIALS = 12
 
 DEADLY = """
@@ -146,10 +147,9 @@ def test_a_parcel_is_read_where_the_studys_files_are_not(tmp_path):
         "spec = unpacked(open(sys.argv[1], 'rb').read()); "
         "sys.stdout.buffer.write(pickle.dumps((spec.hash, small_row(spec))))"
     )
-    root = Path(__file__).parents[2]
     done = subprocess.run(
         [sys.executable, "-c", script, str(tmp_path / "parcel")],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(root)}, capture_output=True, check=True,
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, check=True,
     )  # fmt: skip
     found, row = pickle.loads(done.stdout)
     assert found == study.hash
@@ -180,9 +180,12 @@ def test_a_script_without_a_main_guard_is_told(path, tmp_path):
         f"import eiwa\nsettings = {{'execution.workers': 2, 'execution.retries': 0}}\n"
         f"eiwa.run(eiwa.load({str(path)!r}, settings), {str(tmp_path)!r})\n"
     )
-    root = str(Path(__file__).parents[2])
     done = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": root}
+        [sys.executable, script],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
     )
     assert done.returncode == 1
     assert 'needs the line: if __name__ == "__main__":' in done.stderr.splitlines()[-1]
