@@ -39,7 +39,7 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     table = _table(f"Study {spec.study.name}")
     table.add_column("design", no_wrap=True)
     for path in columns[:MAX_VALUES]:
-        table.add_column(_short(path).replace(" ", "\n"), justify="right", no_wrap=True)
+        table.add_column(short(path).replace(" ", "\n"), justify="right", no_wrap=True)
     for metric in metrics:
         table.add_column(f"{metric} ± se" if metric == "F" else _lines(metric), justify="right", no_wrap=True)
     for _, label in objectives:
@@ -202,10 +202,10 @@ def scenario_label(spec: StudySpec, label: str) -> str:
 def _cut(setting: str) -> str:
     """'layout.offset.1=0.8' -> 'offset 1=0.8'."""
     path, equals, value = setting.partition("=")
-    return f"{_short(path)}{equals}{value}"
+    return f"{short(path)}{equals}{value}"
 
 
-def _short(path: str) -> str:
+def short(path: str) -> str:
     """'arm.joints.upper.a' -> 'upper a', 'layout.spacing' -> 'spacing'."""
     steps = path.split(".")
     return (
