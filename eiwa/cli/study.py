@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli import stored
-from eiwa.cli import pareto
+from eiwa.cli import pareto, sensitivity, stored, tolerance
 from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, resumable, settings
 
 if TYPE_CHECKING:
@@ -26,6 +25,8 @@ app = typer.Typer(help="Run, check and look at studies.", no_args_is_help=True)
 app.command("export")(stored.export)
 app.command("replay")(stored.replay)
 app.command("pareto")(pareto.pareto)
+app.command("sensitivity")(sensitivity.sensitivity)
+app.command("tolerance")(tolerance.tolerance)
 
 
 @app.command("run")
