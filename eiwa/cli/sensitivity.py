@@ -167,7 +167,7 @@ def _effects(objective: ObjectiveSection, effects: Sequence[Effect], k: int, nam
     rows = [
         [
             tables.short(e.variable), f"{e.value:.4g}",
-            f"{e.levels[0]:.4g}", _change(e.changes[0][k]), f"{e.levels[-1]:.4g}", _change(e.changes[-1][k]),
+            f"{e.levels[0]:.4g}", _change(e, 0, k), f"{e.levels[-1]:.4g}", _change(e, -1, k),
             _slope(e.slopes[k]),
         ]
         for e in effects
@@ -175,9 +175,10 @@ def _effects(objective: ObjectiveSection, effects: Sequence[Effect], k: int, nam
     return tables.plain(f"{objective.label}: one variable at a time, around {name}", columns, rows)
 
 
-def _change(difference: Difference) -> str:
+def _change(effect: Effect, end: int, k: int) -> str:
+    difference = effect.changes[end][k]
     doubt = " ~" if math.isfinite(difference.half_width) and not difference.real else ""
-    return f"{difference.mean:+.4f}{doubt}"
+    return f"{difference.mean:+.4f}{doubt}{'' if effect.feasible[end] else ' !'}"
 
 
 def _slope(difference: Difference) -> str:
