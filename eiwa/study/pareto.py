@@ -150,7 +150,7 @@ def goals(spec: StudySpec, chosen: str | None, columns: Sequence[str]) -> list[G
 def _of_objective(spec: StudySpec, i: int) -> Goal:
     objective = spec.objectives[i]
     known = spec.registry.numbers()
-    unit = known[objective.metric][1].unit if objective.metric in known else ""
+    unit = known[objective.metric][1].unit if objective.metric in known and objective.level is None else ""
     return Goal(objective.label, f"objectives.{i}", objective.direction == "maximize", unit, objective.metric)
 
 
@@ -175,9 +175,9 @@ def _same_goals(spec: StudySpec, other: Store, wanted: Sequence[Goal], columns: 
     """Refuse a run whose goals are not this study's."""
     if not other.exists():
         raise StoreError(f"{other.folder}: holds no study. Give the folder of a study, such as runs/{spec.study.name}.")
-    metrics = spec.registry.numbers()
+    metrics, named = spec.registry.numbers(), {goal.column for goal in wanted}
     read = [f"metrics.{metrics[goal.metric][0]}." for goal in wanted if goal.metric in metrics]
-    read += [f"{goal.column}." for goal in wanted]
+    read += [f"objectives.{o.name or i}." for i, o in enumerate(spec.objectives) if f"objectives.{i}" in named]
     differing = [change for change in other.changes(spec) if change.startswith(tuple(read))]
     differing += [f"{goal.column}: absent" for goal in wanted if goal.column not in columns]
     if differing:
