@@ -217,6 +217,6 @@ def _remarks(share: float | None, n: int, replicates: int, told: Sequence[dict[s
         )
     if any(found is None for found in told):
         lines.append(f"PED-ANOVA needs {LEAST_TRIALS} feasible trials.")
-    else:
+    elif told:
         lines.append("Best tenth of trials: PED-ANOVA over the feasible trials of the search.")
     return lines

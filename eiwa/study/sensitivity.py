@@ -12,6 +12,7 @@ import optuna
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
 from scipy.stats import qmc, sobol_indices
 
+from eiwa.core.errors import EiwaError
 from eiwa.core.interfaces import Array
 from eiwa.core.interval import LEVEL, Difference
 from eiwa.core.outcome import Outcome, evaluate
@@ -109,7 +110,7 @@ def one_at_a_time(
 
     def at(**moved: float) -> Outcome:
         values = {**variables, **moved}
-        found = evaluate(spec, {**base, **spec.overrides(values)}, replicates, parameters=values)
+        found = _evaluated(spec, base, values, replicates)
         told()
         return found
 
@@ -126,6 +127,17 @@ def one_at_a_time(
             Effect(name, variables[name], levels, changes, [outcome.feasible for outcome in outcomes], slopes)
         )
     return effects
+
+
+def _evaluated(
+    spec: StudySpec, base: Mapping[str, Any], variables: Mapping[str, float], replicates: int = 1
+) -> Outcome:
+    try:
+        return evaluate(spec, {**base, **spec.overrides(variables)}, replicates, parameters=variables)
+    except EiwaError as error:
+        where = ", ".join(f"{name} = {value:.4g}" for name, value in variables.items())
+        remedy = "Stay nearer to the design with --share, or narrow [variables] and [search]."
+        raise EiwaError(f"{where}: this design cannot be evaluated: {error} {remedy}") from None
 
 
 def cost_of_one_at_a_time(spec: StudySpec) -> int:
@@ -218,7 +230,7 @@ def sobol_of_objectives(
         rows = []
         for point in points:
             values = dict(zip(spec.ranges, map(float, point), strict=True))
-            found = evaluate(spec, {**base, **spec.overrides(values)}, 1, parameters=values)
+            found = _evaluated(spec, base, values)
             rows.append([np.nan if value is None else value for value in found.objectives])
             told()
         return np.array(rows)

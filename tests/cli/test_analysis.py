@@ -1,12 +1,14 @@
 """``eiwa study sensitivity`` and ``eiwa study tolerance`` on a study that was run."""
 
 import json
+from pathlib import Path
 
 import pytest
 from rich.cells import cell_len
 
 from tests.study import small
 
+STUDY = Path(__file__).parents[2] / "studies" / "tolerance.toml"
 TABLES = """
 [tolerance]
 "arm.joints.upper.a" = { normal = 0.001 }
@@ -133,6 +135,16 @@ def test_tolerance_without_its_tables(here, cli):
     assert (said.code, said.out) == (2, "")
     assert '"arm.joints.upper.a" = { normal = 0.0005 }' in said.err
     assert "[catalogue]" in said.err
+
+
+def test_the_repositorys_study(tmp_path, monkeypatch, cli):
+    """With few samples, so that only its tables mean anything."""
+    monkeypatch.chdir(tmp_path)
+    quick = [f"--set={setting}" for setting in ("sampling.samples=4096", "human.samples=4096", "voxels.size=0.05")]
+    said = cli("study", "tolerance", STUDY, *quick, "--draws", "16")
+    assert said.code == 0, said.err
+    fits(said.out)
+    assert "the design as written, made 16 times" in said.out
 
 
 def test_the_tables_may_be_added_after_the_run(here, cli):

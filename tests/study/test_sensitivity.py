@@ -162,6 +162,20 @@ def test_what_breaks_a_constraint_is_told(monkeypatch):
     assert moved(monkeypatch)[0].feasible == [True, True, True, False, False]
 
 
+def test_a_design_that_cannot_be_evaluated_is_named(monkeypatch):
+    def evaluate(spec, overrides, replicates=1, **rest):
+        if overrides["layout.spacing"] > 0.5:
+            raise EiwaError("no dexterity.")
+        return linear.evaluate(spec, overrides, replicates)
+
+    monkeypatch.setattr(sensitivity, "evaluate", evaluate)
+    spec = probe.lean(small.spec(DIRECT))
+    with pytest.raises(
+        EiwaError, match=r"upper\.a = 0.16, layout\.spacing = 0.6: .* no dexterity\. Stay nearer .* --share"
+    ):
+        sensitivity.one_at_a_time(spec, {}, AT, sensitivity.box(spec, AT, None), 2, lambda: None)
+
+
 # The design to look around
 
 
