@@ -171,7 +171,9 @@ def _searched(spec: StudySpec) -> list[str]:
 
 
 def _head(goal: Goal) -> str:
-    return f"{goal.name}\n{'max' if goal.maximised else 'min'}{f' [{goal.unit}]' if goal.unit else ''}"
+    from eiwa.cli.tables import lines
+
+    return f"{lines(goal.name)}\n{'max' if goal.maximised else 'min'}{f' [{goal.unit}]' if goal.unit else ''}"
 
 
 def _goal(member: Member, k: int, name: str) -> str:
@@ -185,7 +187,9 @@ def _name(member: Member) -> str:
 
 
 def _cell(value: Any) -> str:
-    return "" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return "" if value is None else str(value)
+    return f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
 
 
 def _width(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> int:

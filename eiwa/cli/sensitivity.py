@@ -62,22 +62,22 @@ def sensitivity(
     from eiwa.study.store import Store
 
     listen_to_log()
-    n = probe.power_of_two(sobol, "--sobol")
     spec = load(Path(study), settings(set_))
     if not spec.ranges:
         raise SpecError("search: nothing varies, so nothing can be told apart. Add [search].")
+    varied = analysis.cost_of_sobol(spec, sobol)
     rows = Store(Path(runs) / spec.study.name).rows()
     centre = probe.centre(spec, rows, design)
     variables, alone = probe.variables_at(spec, centre), probe.lean(spec)
     limits = analysis.box(spec, variables, share)
     count = replicates or max(2, alone.resolved["sampling"]["replicates"])
-    moved, varied = analysis.cost_of_one_at_a_time(alone), analysis.cost_of_sobol(alone, n)
-    cost = f"{moved} designs with {count} replicates" + (f", {varied} with one for the Sobol indices" if n else "")
+    moved = analysis.cost_of_one_at_a_time(alone)
+    cost = f"{moved} designs with {count} replicates" + (f", {varied} with one for the Sobol indices" if sobol else "")
     with progress(
         "sensitivity", moved + varied, cost, (moved * count + varied) * probe.seconds_per_design(spec, rows)
     ) as told:
         effects = analysis.one_at_a_time(alone, centre.overrides, variables, limits, count, told)
-        indices = analysis.sobol_of_objectives(alone, centre.overrides, limits, n, told) if n else []
+        indices = analysis.sobol_of_objectives(alone, centre.overrides, limits, sobol, told) if sobol else []
     told_apart = [analysis.importances(spec, rows, k) for k in range(len(spec.objectives))]
     shares = [
         (told_apart[k] if k < len(told_apart) else None, indices[k] if indices else None)
@@ -91,7 +91,7 @@ def sensitivity(
     if as_json:
         print_json(
             {
-                "study": spec.study.name, "design": centre.name, "variables": variables, "replicates": count, "sobol": n,
+                "study": spec.study.name, "design": centre.name, "variables": variables, "replicates": count, "sobol": sobol,
                 "limits": limits,
                 "objectives": [
                     _summary(o, effects, k, *shares[k]) for k, o in enumerate(alone.objectives)
@@ -103,7 +103,7 @@ def sensitivity(
     for k, objective in enumerate(alone.objectives):
         console.print(_effects(objective, effects, k, centre.name))
         console.print(_shares(spec, objective, *shares[k]))
-    for line in _remarks(share, n, count, told_apart):
+    for line in _remarks(share, sobol, count, told_apart):
         console.print(line, markup=False, soft_wrap=True)
 
 

@@ -60,7 +60,7 @@ def _goals(panel: Any, found: Pareto, x: int, y: int) -> None:
         panel.step(*_stairs(front, found.goals[x]), color=RIGHT, linewidth=0.8, alpha=0.6, where="post")
     panel.errorbar(
         *front.T, xerr=errors[:, 0], yerr=errors[:, 1],
-        color=RIGHT, linestyle="none", marker="o", markersize=4, elinewidth=0.8, capsize=1.5, label="front",
+        color=RIGHT, linestyle="none", marker="o", markersize=3.5, elinewidth=0.8, capsize=1.5, label="front",
     )  # fmt: skip
     for member in (m for m in found.members if m.knee):
         at = member.values[x], member.values[y]

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from eiwa.core.design import ALWAYS
-from eiwa.core.errors import EiwaError, SpecError
+from eiwa.core.errors import SpecError
 from eiwa.core.interval import Difference, paired
 from eiwa.core.outcome import Outcome
 from eiwa.core.spec import StudySpec, check
@@ -117,17 +117,3 @@ def seconds_per_design(spec: StudySpec, rows: Sequence[Row]) -> float:
     """What one evaluation with one replicate takes: as the study's trials took, or measured."""
     took = [r["seconds"] for r in rows if r["kind"] == "trial" and r["state"] == "COMPLETE"]
     return float(median(took)) if took else estimate(lean(spec)).seconds_per_trial
-
-
-def power_of_two(n: int, option: str) -> int:
-    """n, when it is a power of two.
-
-    Raises
-    ------
-    EiwaError
-        It is none.
-    """
-    if n & (n - 1):
-        near = 1 << (n.bit_length() - 1)
-        raise EiwaError(f"{option} {n}: must be a power of two, such as {near} or {2 * near}.")
-    return n

@@ -28,7 +28,7 @@ TOP = 0.1
 """PED-ANOVA asks what tells this share of the trials, the best, from all."""
 LEAST_TRIALS = 20
 STEP = 0.02
-"""Half the distance over which a slope is measured, as a share of the variable's range."""
+"""How far to both sides of the design a slope is measured, as a share of the variable's range."""
 LEVELS = 5
 RESAMPLES = 999
 
@@ -77,11 +77,18 @@ class Effect:
 
 def box(spec: StudySpec, variables: Mapping[str, float], share: float | None) -> dict[str, tuple[float, float]]:
     """Where each variable may go: its range, or so large a share of it to both sides of its value."""
-    result = {}
-    for name, r in spec.ranges.items():
-        reach = np.inf if share is None else share * (r.high - r.low)
-        result[name] = max(r.low, variables[name] - reach), min(r.high, variables[name] + reach)
-    return result
+    if share is None:
+        return {name: (r.low, r.high) for name, r in spec.ranges.items()}
+    return {name: _beside(r, variables[name], share) for name, r in spec.ranges.items()}
+
+
+def _beside(r: RangeSection, value: float, share: float) -> tuple[float, float]:
+    """So large a share of the range to both sides of a value, within the range; of its logarithm where that is searched."""
+    if r.log:
+        factor = (r.high / r.low) ** share
+        return max(r.low, value / factor), min(r.high, value * factor)
+    reach = share * (r.high - r.low)
+    return max(r.low, value - reach), min(r.high, value + reach)
 
 
 def one_at_a_time(
@@ -118,8 +125,7 @@ def one_at_a_time(
     for name, r in spec.ranges.items():
         levels = _levels(r, limits[name])
         outcomes = [at(**{name: level}) for level in levels]
-        step = STEP * (r.high - r.low)
-        ends = max(r.low, variables[name] - step), min(r.high, variables[name] + step)
+        ends = _beside(r, variables[name], STEP)
         below, above = (at(**{name: end}) for end in ends)
         slopes = [difference(spec, k, above, below, 1 / (ends[1] - ends[0])) for k in range(len(spec.objectives))]
         changes = [[difference(spec, k, o, middle) for k in range(len(spec.objectives))] for o in outcomes]
@@ -224,10 +230,17 @@ def _with_interval(resampled: Array) -> list[Index]:
 def sobol_of_objectives(
     spec: StudySpec, base: Mapping[str, Any], limits: Mapping[str, tuple[float, float]], n: int, told: Told
 ) -> list[Sobol | None]:
-    """Sobol indices of every objective over the box of the variables, with replicate 0 for every design."""
+    """Sobol indices of every objective over the box of the variables, with replicate 0 for every design.
+
+    A variable that is searched by its logarithm is uniform in that.
+    """
+    logs = np.array([r.log for r in spec.ranges.values()])
+    ends = np.array([limits[name] for name in spec.ranges])
+    ends[logs] = np.log(ends[logs])
 
     def function(points: Array) -> Array:
         rows = []
+        points[:, logs] = np.exp(points[:, logs])
         for point in points:
             values = dict(zip(spec.ranges, map(float, point), strict=True))
             found = _evaluated(spec, base, values)
@@ -235,9 +248,18 @@ def sobol_of_objectives(
             told()
         return np.array(rows)
 
-    return sobol(function, [limits[name] for name in spec.ranges], n, spec.study.seed)
+    return sobol(function, [(float(low), float(high)) for low, high in ends], n, spec.study.seed)
 
 
 def cost_of_sobol(spec: StudySpec, n: int) -> int:
-    """Evaluations with one replicate."""
+    """Evaluations with one replicate.
+
+    Raises
+    ------
+    EiwaError
+        n is no power of two.
+    """
+    if n & (n - 1):
+        near = 1 << (n.bit_length() - 1)
+        raise EiwaError(f"--sobol {n}: must be a power of two, such as {near} or {2 * near}; 0 leaves the indices out.")
     return n * (len(spec.ranges) + 2)

@@ -62,13 +62,34 @@ def test_an_output_that_does_not_vary_has_no_indices():
     assert found[1] is None
 
 
-@pytest.mark.parametrize(("n", "fine"), [(0, True), (1, True), (64, True), (48, False)])
-def test_the_base_sample_is_a_power_of_two(n, fine):
-    if fine:
-        assert probe.power_of_two(n, "--sobol") == n
-    else:
-        with pytest.raises(EiwaError, match="--sobol 48: must be a power of two, such as 32 or 64"):
-            probe.power_of_two(n, "--sobol")
+@pytest.mark.parametrize(("n", "cost"), [(0, 0), (1, 5), (64, 320)])
+def test_the_cost_of_sobol_indices(n, cost):
+    assert sensitivity.cost_of_sobol(small.spec(), n) == cost
+
+
+def test_the_base_sample_is_a_power_of_two():
+    with pytest.raises(EiwaError, match="--sobol 48: must be a power of two, such as 32 or 64"):
+        sensitivity.cost_of_sobol(small.spec(), 48)
+
+
+def test_variables_searched_by_their_logarithm_are_uniform_in_that(monkeypatch):
+    """F = 2 upper + spacing / 2: the variance of a log-uniform number is known."""
+    log = {small.SEARCH: DIRECT[small.SEARCH].replace("low = 0.1, high = 0.3", "low = 0.01, high = 0.3, log = true")}
+    monkeypatch.setattr(sensitivity, "evaluate", linear.evaluate)
+    spec = probe.lean(small.spec(log))
+    limits = sensitivity.box(spec, AT, None)
+    (found,) = sensitivity.sobol_of_objectives(spec, {}, limits, 2048, lambda: None)
+    ratio = np.log(30)
+    upper = 4 * ((0.3**2 - 0.01**2) / (2 * ratio) - ((0.3 - 0.01) / ratio) ** 2)
+    spacing = 0.25 * 0.4**2 / 12
+    assert found.variance == pytest.approx(upper + spacing, rel=0.02)
+    assert found.first[0].value == pytest.approx(upper / (upper + spacing), abs=0.02)
+
+
+def test_the_neighbourhood_of_a_logarithm_is_a_factor():
+    log = {small.SEARCH: DIRECT[small.SEARCH].replace("low = 0.1, high = 0.3", "low = 0.01, high = 1.0, log = true")}
+    limits = sensitivity.box(small.spec(log), {**AT, "arm.joints.upper.a": 0.1}, 0.25)
+    assert limits["arm.joints.upper.a"] == pytest.approx((0.1 / 10**0.5, 0.1 * 10**0.5))
 
 
 # Importances
