@@ -158,8 +158,8 @@ def remarks(found: Pareto) -> list[str]:
 
 
 def _selected(members: Sequence[Member]) -> list[Member]:
-    """At most so many as a screen shows: knee, extremes, and those that add most."""
-    ranked = sorted(members, key=lambda m: (not (m.knee or m.best), -m.contribution))
+    """At most so many as a screen shows: knee, extremes, those whose errors are known, and those that add most."""
+    ranked = sorted(members, key=lambda m: (not (m.knee or m.best), m.errors[0] is None, -m.contribution))
     kept = {id(m) for m in ranked[:SHOWN]}
     return [m for m in members if id(m) in kept]
 

@@ -18,8 +18,8 @@ from eiwa.core.spec import StudySpec, check
 from eiwa.core.tree import lookup
 from eiwa.study.compare import overrides_of
 from eiwa.study.estimate import estimate
+from eiwa.study.leaders import leaders, parameters
 from eiwa.study.rows import Row
-from eiwa.study.run import leaders, parameters
 
 Told = Callable[[], None]
 """Called after every evaluation."""

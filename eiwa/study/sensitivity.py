@@ -19,9 +19,9 @@ from eiwa.core.outcome import Outcome, evaluate
 from eiwa.core.sections import RangeSection
 from eiwa.core.spec import StudySpec
 from eiwa.study import journal
+from eiwa.study.leaders import parameters
 from eiwa.study.probe import Told, difference
 from eiwa.study.rows import Row
-from eiwa.study.run import parameters
 from eiwa.study.sampler import distributions
 
 TOP = 0.1
