@@ -9,7 +9,7 @@ import shutil
 from pathlib import Path
 
 from eiwa import testing
-from eiwa.core import hookspecs, sections
+from eiwa.core import hookspecs, manufacture, sections
 from eiwa.core.description import tables, toml
 from eiwa.core.errors import EiwaError
 from eiwa.core.registry import KINDS, load
@@ -31,6 +31,7 @@ SECTIONS = {
     "range": sections.RangeSection,
     "objective": sections.ObjectiveSection,
     "constraint": sections.ConstraintSection,
+    "tolerance": manufacture.ToleranceSection,
 }
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli import stored
+from eiwa.cli import pareto, sensitivity, stored, tolerance
 from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, resumable, settings
 
 if TYPE_CHECKING:
@@ -24,6 +24,9 @@ FAR = 0.2
 app = typer.Typer(help="Run, check and look at studies.", no_args_is_help=True)
 app.command("export")(stored.export)
 app.command("replay")(stored.replay)
+app.command("pareto")(pareto.pareto)
+app.command("sensitivity")(sensitivity.sensitivity)
+app.command("tolerance")(tolerance.tolerance)
 
 
 @app.command("run")
@@ -68,21 +71,9 @@ def run(
 @app.command("show")
 def show(study: StudyFile, runs: Runs = "runs", set_: Settings = None, as_json: AsJson = False) -> None:
     """Show the results that a study has so far."""
-    from eiwa.core.errors import StoreError
-    from eiwa.core.spec import load
-    from eiwa.study.store import Store
+    from eiwa.cli.results import results
 
-    spec = load(Path(study), settings(set_))
-    store = Store(Path(runs) / spec.study.name)
-    if not store.exists():
-        raise StoreError(f"{store.folder}: has no results yet. Run: eiwa study run {shlex.quote(study)}")
-    if changed := store.changes(spec):
-        console = err()
-        console.print(
-            "These results are of another version of the study file; their numbers would differ:", style="yellow"
-        )
-        for line in changed[:8]:
-            console.print(f"  {line}", markup=False, soft_wrap=True)
+    spec, store = results(study, runs, settings(set_))
     _report(spec, store, study, as_json)
 
 

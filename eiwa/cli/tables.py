@@ -39,11 +39,11 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     table = _table(f"Study {spec.study.name}")
     table.add_column("design", no_wrap=True)
     for path in columns[:MAX_VALUES]:
-        table.add_column(_short(path).replace(" ", "\n"), justify="right", no_wrap=True)
+        table.add_column(short(path).replace(" ", "\n"), justify="right", no_wrap=True)
     for metric in metrics:
-        table.add_column(f"{metric} ± se" if metric == "F" else _lines(metric), justify="right", no_wrap=True)
+        table.add_column(f"{metric} ± se" if metric == "F" else lines(metric), justify="right", no_wrap=True)
     for _, label in objectives:
-        table.add_column(_lines(label), justify="right", no_wrap=True)
+        table.add_column(lines(label), justify="right", no_wrap=True)
     for metric in published:
         table.add_column(f"published\n{metric}", justify="right", no_wrap=True)
     best = leaders(spec, rows)
@@ -202,10 +202,10 @@ def scenario_label(spec: StudySpec, label: str) -> str:
 def _cut(setting: str) -> str:
     """'layout.offset.1=0.8' -> 'offset 1=0.8'."""
     path, equals, value = setting.partition("=")
-    return f"{_short(path)}{equals}{value}"
+    return f"{short(path)}{equals}{value}"
 
 
-def _short(path: str) -> str:
+def short(path: str) -> str:
     """'arm.joints.upper.a' -> 'upper a', 'layout.spacing' -> 'spacing'."""
     steps = path.split(".")
     return (
@@ -228,7 +228,7 @@ def _value(spec: StudySpec, row: Row, column: str, variable: bool) -> str:
     return _plain(lookup(resolved, column)) if exists(resolved, column) else ""
 
 
-def _lines(label: str, width: int = 16) -> str:
+def lines(label: str, width: int = 16) -> str:
     """A label on as many lines as it takes, broken behind spaces and underscores."""
     lines = [""]
     for word in re.findall(r"[^ _]*[ _]?", label):

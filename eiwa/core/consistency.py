@@ -26,6 +26,7 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
     resolved = spec.defaults
     axes = [path for path in spec.tree.get("scenarios", {}) if "." in path]
     uses = [(f'search."{p}"', p, True) for p in spec.searched]
+    uses += [(f'{table}."{p}"', p, True) for table in ("tolerance", "catalogue") for p in getattr(spec, table)]
     uses += [(f'scenarios."{p}"', p, False) for p in axes]
     for path in spec.assumptions:
         if not exists(spec.resolved, path):
@@ -48,7 +49,7 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
 def _missing(resolved: Tree, uses: Iterable[tuple[str, str, bool]]) -> Iterable[str]:
     for where, path, numeric in uses:
         if numeric and path.split(".")[0] not in SECTIONS:
-            yield finding(where, f"only values of {', '.join(SECTIONS)} can be searched.")
+            yield finding(where, f"only values of {', '.join(SECTIONS)} can change here.")
             continue
         try:
             value = lookup(resolved, path)
@@ -56,7 +57,7 @@ def _missing(resolved: Tree, uses: Iterable[tuple[str, str, bool]]) -> Iterable[
             yield f"{where}: {error.findings[0].split(': ', 1)[1]}"
             continue
         if numeric and (isinstance(value, bool) or not isinstance(value, int | float)):
-            yield finding(where, f"the path holds {value!r}, not a number.", remedy="Search one number at a time.")
+            yield finding(where, f"the path holds {value!r}, not a number.", remedy="Name one number at a time.")
 
 
 def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from eiwa.core import sections
+from eiwa.core import manufacture, sections
 from eiwa.core.design import DEFAULT_KINDS, OWN, SECTIONS
 from eiwa.core.hookspecs import Plugin
 from eiwa.core.registry import KINDS, Registry
@@ -42,6 +42,8 @@ def schema(registry: Registry, part: bool = False) -> Schema:
             "additionalProperties": _design(registry, definitions),
         },
         "execution": _own(sections.ExecutionSection, definitions),
+        "tolerance": _paths(_own(manufacture.ToleranceSection, definitions), "Paths, and their errors of manufacture."),
+        "catalogue": _paths(_list({"type": "number"}, least=1), "Paths, and the values that can be bought."),
         "assumptions": {
             "type": "object",
             "description": "Paths, and why they have the value that they have.",

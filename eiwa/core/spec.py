@@ -17,6 +17,7 @@ from eiwa.core.design import SECTIONS, Design, design
 from eiwa.core.errors import EiwaError, SpecError, finding
 from eiwa.core.expressions import Expression, in_order
 from eiwa.core.findings import validated
+from eiwa.core.manufacture import ToleranceSection, catalogue, tolerances
 from eiwa.core.named import named_design, parted, pinned, refuse_unquoted
 from eiwa.core.registry import Registry
 from eiwa.core.samplers import Auto, Chosen, automatic
@@ -33,7 +34,7 @@ from eiwa.core.tree import Tree, did_you_mean, exists, leaves, lookup, replaced
 
 TABLES = (
     "study", "plugins", *SECTIONS, "variables", "search", "scenarios", "objectives", "constraints", "designs",
-    "assumptions", "execution",
+    "tolerance", "catalogue", "assumptions", "execution",
 )  # fmt: skip
 M = TypeVar("M", ObjectiveSection, ConstraintSection)
 
@@ -54,6 +55,8 @@ class StudySpec:
     objectives: Sequence[ObjectiveSection]
     constraints: Sequence[ConstraintSection]
     designs: Mapping[str, DesignSection]
+    tolerance: Mapping[str, ToleranceSection]
+    catalogue: Mapping[str, Sequence[float]]
     assumptions: Mapping[str, str]
     execution: ExecutionSection
     defaults: Tree
@@ -232,6 +235,8 @@ def check(tree: Tree, path: Path, located: Mapping[str, Path] | None = None) -> 
             objectives=_list(tree, "objectives", ObjectiveSection),
             constraints=_list(tree, "constraints", ConstraintSection),
             designs={n: named_design(n, t, registry) for n, t in _table(tree, "designs").items()},
+            tolerance=tolerances(_table(tree, "tolerance")),
+            catalogue=catalogue(_table(tree, "catalogue")),
             assumptions=_assumptions(tree),
             execution=validated(ExecutionSection, tree.get("execution", {}), "execution"),
             defaults=defaults,

@@ -102,7 +102,9 @@ def leaves(tree: Any, prefix: str = "") -> Iterable[tuple[str, Any]]:
     if isinstance(tree, dict) and tree:
         items: Iterable[tuple[str, Any]] = tree.items()
     elif isinstance(tree, list) and any(isinstance(item, dict) for item in tree):
-        items = ((item.get("name", str(i)) if isinstance(item, dict) else str(i), item) for i, item in enumerate(tree))
+        items = (
+            (item.get("name") or str(i) if isinstance(item, dict) else str(i), item) for i, item in enumerate(tree)
+        )
     else:
         yield prefix, tree
         return

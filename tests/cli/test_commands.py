@@ -13,11 +13,14 @@ from tests.study import small
 
 COMMANDS = {
     (): ["study", "evaluate", "converge", "verify", "bench", "plugins", "schema", "--version"],
-    ("study",): ["run", "check", "show", "compare"],
+    ("study",): ["run", "check", "show", "compare", "pareto", "sensitivity", "tolerance"],
     ("study", "run"): ["STUDY.toml", "--fresh", "--runs", "--set", "--json"],
     ("study", "check"): ["STUDY.toml", "--set", "--json"],
     ("study", "show"): ["STUDY.toml", "--runs", "--set", "--json"],
     ("study", "compare"): ["STUDY.toml", "--replicates", "--runs", "--set", "--json"],
+    ("study", "pareto"): ["STUDY.toml", "--objectives", "--with", "--csv", "--parquet", "--figure", "+NAME", "--json"],
+    ("study", "sensitivity"): ["STUDY.toml", "--design", "--share", "--sobol", "--replicates", "--figure", "--json"],
+    ("study", "tolerance"): ["STUDY.toml", "--design", "--draws", "--runs", "--set", "--json"],
     ("converge",): ["STUDY.toml", "--design", "--set", "--json"],
     ("verify",): ["--json"],
     ("bench",): ["compare|share|scaling", "--seconds", "--quick", "--out", "--json"],

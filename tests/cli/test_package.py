@@ -11,7 +11,7 @@ import eiwa
 from eiwa.core.version import __version__
 from tests.study import small
 
-HEAVY = {"numba", "llvmlite", "optuna", "pyarrow", "scipy", "matplotlib", "pandas", "sqlalchemy", "lxml"}
+HEAVY = {"numba", "llvmlite", "optuna", "pyarrow", "scipy", "matplotlib", "pandas", "sqlalchemy", "lxml", "moocore"}
 
 
 def test_what_the_package_exports():

@@ -122,6 +122,13 @@ def test_replaced_refuses_a_step_in_the_middle(path):
         replaced(TREE, {path: 1})
 
 
+def test_leaves_count_items_whose_name_is_empty():
+    assert dict(leaves({"objectives": [{"name": None, "metric": "F"}]})) == {
+        "objectives.0.name": None,
+        "objectives.0.metric": "F",
+    }
+
+
 def test_leaves_name_every_value_once():
     assert dict(leaves(TREE)) == {
         "layout.spacing": 0.2,
