@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from importlib.util import find_spec
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli import stored
+from eiwa.cli import dashboard, stored
 from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, resumable, settings
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ FAR = 0.2
 app = typer.Typer(help="Run, check and look at studies.", no_args_is_help=True)
 app.command("export")(stored.export)
 app.command("replay")(stored.replay)
+app.command("dashboard")(dashboard.dashboard)
 
 
 @app.command("run")
@@ -62,7 +64,7 @@ def run(
         finished = Run(spec, store, progress).execute()
     if not finished:
         console.print(f"Study {spec.study.name} is complete ({store.folder}); nothing was left to do.", markup=False)
-    _report(spec, store, study, as_json)
+    _report(spec, store, study, set_, as_json)
 
 
 @app.command("show")
@@ -83,7 +85,7 @@ def show(study: StudyFile, runs: Runs = "runs", set_: Settings = None, as_json: 
         )
         for line in changed[:8]:
             console.print(f"  {line}", markup=False, soft_wrap=True)
-    _report(spec, store, study, as_json)
+    _report(spec, store, study, set_, as_json)
 
 
 @app.command("compare")
@@ -154,7 +156,7 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
         console.print(tables.shortfall(short, spec), markup=False)
 
 
-def _report(spec: StudySpec, store: Store, study: str, as_json: bool) -> None:
+def _report(spec: StudySpec, store: Store, study: str, set_: list[str] | None, as_json: bool) -> None:
     from eiwa.cli import tables
 
     rows = store.rows()
@@ -166,7 +168,7 @@ def _report(spec: StudySpec, store: Store, study: str, as_json: bool) -> None:
     for table in (tables.scenarios(spec, rows), tables.assumptions(spec)):
         if table is not None:
             console.print(table)
-    for line in [*_remarks(spec, rows), *_next(store, study)]:
+    for line in [*remarks(spec, rows), *_next(store, study, set_)]:
         console.print(line, markup=False, soft_wrap=True)
 
 
@@ -188,7 +190,7 @@ def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:
     }
 
 
-def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
+def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     """What the reader of the table must know."""
     from eiwa.cli.tables import ranked
 
@@ -215,11 +217,13 @@ def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
     return lines
 
 
-def _next(store: Store, study: str) -> list[str]:
+def _next(store: Store, study: str, set_: list[str] | None) -> list[str]:
+    command = ["eiwa", "study", "dashboard", study]
+    command += ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
+    command += [word for pair in set_ or [] for word in ("--set", pair)]
     lines = ["Where to look next:", f"  every evaluation  {store.folder / 'trials'}/*.parquet"]
-    if store.journal.exists():
-        lines.append(f"  the search        optuna-dashboard {store.journal}")
-        if find_spec("optuna_dashboard") is None:
-            lines.append("                    (first: pip install optuna-dashboard)")
+    lines.append(f"  in the browser    {shlex.join(command)}")
+    if find_spec("optuna_dashboard") is None:
+        lines.append("                    (first: pip install 'eiwa[dashboard]')")
     lines.append(f"  one design        eiwa evaluate {shlex.quote(study)} --figure workspace.png")
     return lines
