@@ -58,10 +58,11 @@ def dashboard(
     next(updates)
     server = listening(page, host, port)
     address = f"http://{host}:{server.server_port}/dashboard/studies/0"
-    out().print(f"{spec.study.name}: {address} (Ctrl-C ends it)", markup=False, soft_wrap=True)
-    if open_ and not webbrowser.open(address):
-        err().print("No web browser could be opened here.", markup=False)
-    serve(server, updates)
+    with suppress(KeyboardInterrupt):
+        out().print(f"{spec.study.name}: {address} (Ctrl-C ends it)", markup=False, soft_wrap=True)
+        if open_ and not webbrowser.open(address):
+            err().print("No web browser could be opened here.", markup=False)
+        serve(server, updates)
 
 
 @dataclass

@@ -74,7 +74,8 @@ def literal(text: str) -> str:
 
 def _table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[bool] = ()) -> str:
     ruler = ["---:" if k < len(right) and right[k] else "---" for k in range(len(heads))]
-    lines = [f"| {' &ensp;| '.join(cells)} |" for cells in (heads, ruler, *rows)]
+    lines = [f"| {' &ensp;| '.join(cells)} &ensp;|" for cells in (heads, *rows)]
+    lines.insert(1, f"| {' | '.join(ruler)} |")
     return "\n".join([f"**{literal(title)}**", "", *lines])
 
 

@@ -301,13 +301,12 @@ def reading_only(app: Any) -> Any:
 
 
 def serve(server: WSGIServer, updates: Iterator[bool]) -> None:
-    """Answer requests, and show what is new, until Ctrl-C."""
+    """Answer requests, and show what is new, until an interrupt."""
     stop = Event()
     thread = Thread(target=_follow, args=(updates, stop), daemon=True)
     thread.start()
     try:
-        with suppress(KeyboardInterrupt):
-            server.serve_forever()
+        server.serve_forever()
     finally:
         stop.set()
         server.server_close()
