@@ -109,7 +109,8 @@ class Cards:
             figures = cards.fronts(spec, rows, shown) or {"history": cards.history(spec, rows, shown)}
         if len(spec.scenarios) > 1 and shown:
             labels = {s.label: tables.scenario_label(spec, s.label) for s in spec.scenarios}
-            figures["scenarios"] = cards.scenarios(tables.shown_metrics(spec)[0], labels, shown)
+            metric = next((o.metric for o in spec.objectives if o.metric), "F")
+            figures["scenarios"] = cards.scenarios(metric, labels, shown)
         best = [row for _, row in shown if row["kind"] != "design"]
         about = {row["number"]: notes.trial_note(spec, row, self._rank(n)) for n, row in enumerate(best, 1)}
         return Description(notes.study_note(spec, rows, remarks(spec, rows)), about, figures | self._workspace)

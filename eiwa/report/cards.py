@@ -41,7 +41,7 @@ def history(spec: StudySpec, rows: Sequence[Row], shown: Shown) -> Figure:
     last = trials[-1]["number"] if trials else 1
     dashes = cycle(DASHES)
     for name, row in shown:
-        value, error = row.get("objectives.0"), spread(spec, row, 0)
+        value, error = row.get("objectives.0"), spread(row, 0)
         if value is None:
             continue
         if row["kind"] == "design":
@@ -62,24 +62,25 @@ def fronts(spec: StudySpec, rows: Sequence[Row], shown: Shown) -> dict[str, Figu
         whole = [(n, r) for n, r in shown if r.get("objectives.0") is not None and r.get(f"objectives.{i}") is not None]
         named = [(n, r) for n, r in whole if r["kind"] == "design"]
         best = [(n, r) for n, r in whole if r["kind"] != "design"]
-        traces += [_crossed(spec, "named designs", named, i, NAMED), _crossed(spec, "best trials", best, i, BEST)]
+        traces += [_crossed("named designs", named, i, NAMED), _crossed("best trials", best, i, BEST)]
+        traces[-2]["mode"] = "markers+text"
         found[f"front-{i}"] = _figure(f"{labels[i]} against {labels[0]}", traces, labels[0], labels[i])
     return found
 
 
-def _crossed(spec: StudySpec, title: str, shown: Shown, objective: int, colour: str) -> Figure:
-    """An objective against the first one, with both errors, each point by its name."""
+def _crossed(title: str, shown: Shown, objective: int, colour: str) -> Figure:
+    """An objective against the first one, with both errors and names."""
     trace = _trace(
         title,
         [r["objectives.0"] for _, r in shown],
         [r[f"objectives.{objective}"] for _, r in shown],
-        mode="markers+text",
+        mode="markers",
         text=[name for name, _ in shown],
         textposition="top center",
         marker={"color": colour, "size": 9, "symbol": "diamond"},
-        error=[spread(spec, r, objective) for _, r in shown],
+        error=[spread(r, objective) for _, r in shown],
     )
-    return trace | {"error_x": _bars([spread(spec, r, 0) for _, r in shown])}
+    return trace | {"error_x": _bars([spread(r, 0) for _, r in shown])}
 
 
 def scenarios(metric: str, labels: Mapping[str, str], shown: Shown) -> Figure:
@@ -145,14 +146,10 @@ def merged(values: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(even.reshape(nx, 2, ny, 2, nz, 2).sum(axis=(1, 3, 5)))
 
 
-def spread(spec: StudySpec, row: Row, number: int) -> float | None:
+def spread(row: Row, number: int) -> float | None:
     """Standard deviation of an objective over the replicates of a row; None where there is only one."""
     values = row.get(f"replicated.objectives.{number}") or []
-    if len(values) > 1:
-        return statistics.stdev(values)
-    objective = spec.objectives[number]
-    error: float | None = row.get(f"metrics.{objective.metric}_se") if objective.over == "reference" else None
-    return error
+    return statistics.stdev(values) if len(values) > 1 else None
 
 
 def _complete(rows: Sequence[Row]) -> list[Row]:

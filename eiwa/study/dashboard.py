@@ -124,19 +124,15 @@ class Page(BaseStorage):
         )
 
     def _numbers(self, row: Row) -> dict[str, Any]:
-        """What the page lists of a trial: every metric at the reference, those that the study needs in all scenarios."""
-        if row["state"] != "COMPLETE":
-            return {"message": row["message"] or "not evaluated: the parameters alone break a constraint"}
+        """What the page lists of a trial: broken constraints, every metric at the reference, needed ones everywhere."""
+        if row["state"] == "FAIL":
+            return {"message": row["message"]}
+        violations = {c.label: row.get(f"constraints.{i}") or 0.0 for i, c in enumerate(self._spec.constraints)}
+        broken = {f"breaks {label} by": v for label, v in violations.items() if v > 0}
         prefix = "metrics."
         named = {k.removeprefix(prefix): v for k, v in row.items() if k.startswith(prefix) and v is not None}
         needed = self._spec.needed | {"F"}
-        numbers = {name: v for name, v in named.items() if "@" not in name or name.split("@")[0] in needed}
-        broken = {
-            f"breaks {c.label} by": v
-            for i, c in enumerate(self._spec.constraints)
-            if (v := row[f"constraints.{i}"]) > 0
-        }
-        return {**broken, **numbers}
+        return broken | {name: v for name, v in named.items() if "@" not in name or name.split("@")[0] in needed}
 
     def _said(self, description: Description) -> dict[str, Any]:
         """A description in the study's system attributes, under the names that optuna-dashboard knows."""

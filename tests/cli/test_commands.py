@@ -111,7 +111,7 @@ def test_a_run_shows_the_best_and_where_to_look(ran):
         "published",
         "0.2732",
         "runs/small/trials/*.parquet",
-        "optuna-dashboard runs/small/journal.log",
+        "eiwa study dashboard small.toml",
         "eiwa evaluate small.toml",
     ):
         assert words in ran.out
@@ -231,7 +231,6 @@ def test_a_study_without_a_search(cli, tmp_path, monkeypatch):
     said = cli("study", "run", small.write(tmp_path, small.NO_SEARCH).name)
     assert said.code == 0
     assert "optimum" in said.out
-    assert "optuna-dashboard" not in said.out
 
 
 def test_a_study_of_nothing(cli, tmp_path, monkeypatch):
@@ -543,7 +542,7 @@ def test_a_broken_plugin_is_listed(cli, monkeypatch):
 
 
 def test_the_dashboard_is_named_with_how_to_get_it(ran):
-    assert ("pip install optuna-dashboard" in ran.out) is (find_spec("optuna_dashboard") is None)
+    assert ("pip install 'eiwa[dashboard]'" in ran.out) is (find_spec("optuna_dashboard") is None)
 
 
 # schema

@@ -89,13 +89,14 @@ def test_trials_are_those_of_the_studys_journal(ran):
 
 def test_states(ran):
     spec, folder = ran
-    nothing = {"objectives.0": None, "metrics.F": None, "metrics.reach": None}
-    skipped = {"number": 8, "state": "SKIPPED", "feasible": False, "constraints.0": None}
+    nothing = {name: None for name in schema(spec).names if name.startswith(("objectives.", "metrics."))}
+    skipped = {"number": 8, "state": "SKIPPED", "feasible": False, "constraints.0": 0.25}
     failed = {"number": 10, "state": "FAIL", "feasible": None, "message": "the elbow is stuck"}
     keep(spec, folder, [nothing | skipped, nothing | failed])
     page, _ = page_of(spec, folder)
     states = {t.number: t.state for t in trials_of(page)}
     assert states[8] is TrialState.PRUNED
+    assert page.get_trial(8).user_attrs == {"breaks reach <= 0.4 by": 0.25}
     assert states[9] is TrialState.RUNNING  # its row is not there yet
     assert states[10] is TrialState.FAIL
     assert page.get_trial(10).user_attrs == {"message": "the elbow is stuck"}
