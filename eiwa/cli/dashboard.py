@@ -18,7 +18,7 @@ from eiwa.cli.console import Runs, Settings, StudyFile, err, listen_to_log, out,
 
 if TYPE_CHECKING:
     from eiwa.core.spec import StudySpec
-    from eiwa.study.dashboard import Description
+    from eiwa.study.page import Description
     from eiwa.study.rows import Row
 
 EVERY = 60.0
@@ -40,7 +40,8 @@ def dashboard(
     """Show the results in the web browser with optuna-dashboard; a running study's as they come. Ctrl-C ends it."""
     from eiwa.core.errors import StoreError
     from eiwa.core.spec import load
-    from eiwa.study.dashboard import Page, listening, require, serve
+    from eiwa.study.dashboard import listening, require, serve
+    from eiwa.study.page import Page
     from eiwa.study.store import Store
 
     listen_to_log()
@@ -101,7 +102,7 @@ class Cards:
         from eiwa.cli import notes, tables
         from eiwa.cli.study import remarks
         from eiwa.report import cards
-        from eiwa.study.dashboard import Description
+        from eiwa.study.page import Description
 
         spec = self.spec
         figures: dict[str, Any] = {}
