@@ -228,9 +228,12 @@ def test_a_study_where_nothing_is_feasible_says_so(cli, path):
 
 def test_a_study_without_a_search(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = cli("study", "run", small.write(tmp_path, small.NO_SEARCH).name)
+    said = cli(
+        "study", "run", small.write(tmp_path, small.NO_SEARCH).name, "--runs", "else where", "--set", "study.seed=2"
+    )
     assert said.code == 0
     assert "optimum" in said.out
+    assert "eiwa study dashboard small.toml --runs 'else where' --set study.seed=2\n" in said.out
 
 
 def test_a_study_of_nothing(cli, tmp_path, monkeypatch):
