@@ -58,7 +58,7 @@ class Page(BaseStorage):
 
     def __init__(self, spec: StudySpec, store: Store, describe: Describe) -> None:
         self._spec, self._store, self._describe = spec, store, describe
-        self._parts: set[Path] = set()
+        self._parts: set[Path] | None = None
         self._rows: list[Row] = []
         self._finished: dict[int, FrozenTrial] = {}
         self._trials: list[FrozenTrial] = []
@@ -86,9 +86,9 @@ class Page(BaseStorage):
     def _read(self) -> bool:
         """Read rows that were not there before; parts never change, but may be replaced by one that holds them all."""
         parts = set(self._store.parts)
-        if parts == self._parts and parts:
+        if parts == self._parts:
             return False
-        if self._parts and self._parts <= parts:
+        if self._parts is not None and self._parts <= parts:
             self._rows += [r for part in sorted(parts - self._parts) for r in pq.read_table(part).to_pylist()]
         else:
             self._rows, self._finished = self._store.rows(), {}

@@ -235,7 +235,7 @@ def content(folder):
 
 
 def test_a_running_study_is_shown_as_it_goes_on(see, tmp_path):
-    small.paused(tmp_path, 400)
+    small.paused(tmp_path, 2000)
     run = small.start("study", "run", "small.toml", folder=tmp_path)
     try:
         trials = tmp_path / "runs/small/trials"

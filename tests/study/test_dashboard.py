@@ -178,6 +178,20 @@ def test_new_rows_come(ran):
     assert not next(updates)
 
 
+def test_the_first_rows_come(ran, tmp_path):
+    """A page that is opened before the first row is there."""
+    spec, folder = ran
+    rows = Store(folder / "small").rows()
+    empty = tmp_path / "empty"
+    page, updates = page_of(spec, empty)
+    assert page.get_all_trials(0) == []
+    assert [next(updates) for _ in range(3)] == [False] * 3
+    (empty / "small/trials").mkdir(parents=True)
+    Store(empty / "small").write(rows, schema(spec))
+    assert next(updates)
+    assert len(trials_of(page)) == 8
+
+
 def test_rows_that_are_put_together_stay(ran):
     spec, folder = ran
     page, updates = page_of(spec, folder)
