@@ -91,7 +91,10 @@ class Page(BaseStorage):
         if self._parts is not None and self._parts <= parts:
             self._rows += [r for part in sorted(parts - self._parts) for r in pq.read_table(part).to_pylist()]
         else:
-            self._rows, self._finished = self._store.rows(), {}
+            rows = self._store.rows()
+            if set(self._store.parts) != parts:  # some were written while we read
+                return self._read()
+            self._rows, self._finished = rows, {}
         self._parts = parts
         for row in self._rows:
             if row["kind"] == "trial" and row["number"] not in self._finished:

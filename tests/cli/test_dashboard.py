@@ -25,6 +25,8 @@ COUNT = """[...document.querySelectorAll('.js-plotly-plot')]
     .filter(trace => trace.name === 'trial' || trace.name === 'breaks a constraint')
     .reduce((sum, trace) => sum + trace.x.length, 0)"""
 """How many trials eiwa's own history shows."""
+PATIENCE = 90_000
+"""Milliseconds: a machine may have other work."""
 PICTURES = os.environ.get("EIWA_PICTURES")
 """A folder for screenshots, for people."""
 
@@ -83,6 +85,7 @@ class Seen:
 
     def __init__(self, browser, address):
         self.page = browser.new_page(viewport={"width": 1400, "height": 2300})
+        self.page.set_default_timeout(PATIENCE)
         self.requests, self.errors = [], []
         self.page.on("request", lambda request: self.requests.append(request.url))
         self.page.on("console", lambda message: message.type == "error" and self.errors.append(message.text))
@@ -93,11 +96,11 @@ class Seen:
     def text(self, *words):
         """Wait for texts."""
         for word in words:
-            self.page.get_by_text(word).first.wait_for(timeout=20_000)
+            self.page.get_by_text(word).first.wait_for()
 
     def table(self):
         """The cells of every line of every table."""
-        self.page.locator("tr").first.wait_for(timeout=20_000)
+        self.page.locator("tr").first.wait_for()
         lines = [line.inner_text() for line in self.page.locator("tr").all()]
         return [[cell.strip() for cell in line.split("\t")] for line in lines]
 
@@ -106,7 +109,7 @@ class Seen:
         found = """title => [...document.querySelectorAll('.js-plotly-plot')]
             .filter(plot => plot.layout?.title?.text?.startsWith(title))
             .map(plot => plot.data.map(t => ({name: t.name, x: t.x, y: t.y, error: t.error_y?.array, type: t.type})))[0]"""
-        self.page.wait_for_function(found, arg=name, timeout=20_000)
+        self.page.wait_for_function(found, arg=name)
         return {trace["name"]: trace for trace in self.page.evaluate(found, name)}
 
     def picture(self, name):
@@ -245,9 +248,9 @@ def test_a_running_study_is_shown_as_it_goes_on(see, tmp_path):
         with Dashboard(tmp_path) as dashboard:
             seen = see(dashboard.address)
             seen.text("Best Trial (number=")
-            seen.page.wait_for_function(f"{COUNT} > 0", timeout=20_000)
+            seen.page.wait_for_function(f"{COUNT} > 0")
             first = seen.page.evaluate(COUNT)
-            seen.page.wait_for_function(f"{COUNT} > {first}", timeout=60_000)
+            seen.page.wait_for_function(f"{COUNT} > {first}")
             assert seen.errors == []
         assert run.poll() is None
     finally:
