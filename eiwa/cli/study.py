@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from importlib.util import find_spec
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli import pareto, sensitivity, stored, tolerance
+from eiwa.cli import dashboard, pareto, sensitivity, stored, tolerance
 from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, resumable, settings
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ app.command("replay")(stored.replay)
 app.command("pareto")(pareto.pareto)
 app.command("sensitivity")(sensitivity.sensitivity)
 app.command("tolerance")(tolerance.tolerance)
+app.command("dashboard")(dashboard.dashboard)
 
 
 @app.command("run")
@@ -65,7 +67,7 @@ def run(
         finished = Run(spec, store, progress).execute()
     if not finished:
         console.print(f"Study {spec.study.name} is complete ({store.folder}); nothing was left to do.", markup=False)
-    _report(spec, store, study, as_json)
+    _report(spec, store, study, set_, as_json)
 
 
 @app.command("show")
@@ -74,7 +76,7 @@ def show(study: StudyFile, runs: Runs = "runs", set_: Settings = None, as_json: 
     from eiwa.cli.results import results
 
     spec, store = results(study, runs, settings(set_))
-    _report(spec, store, study, as_json)
+    _report(spec, store, study, set_, as_json)
 
 
 @app.command("compare")
@@ -145,7 +147,7 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
         console.print(tables.shortfall(short, spec), markup=False)
 
 
-def _report(spec: StudySpec, store: Store, study: str, as_json: bool) -> None:
+def _report(spec: StudySpec, store: Store, study: str, set_: list[str] | None, as_json: bool) -> None:
     from eiwa.cli import tables
 
     rows = store.rows()
@@ -157,7 +159,7 @@ def _report(spec: StudySpec, store: Store, study: str, as_json: bool) -> None:
     for table in (tables.scenarios(spec, rows), tables.assumptions(spec)):
         if table is not None:
             console.print(table)
-    for line in [*_remarks(spec, rows), *_next(store, study)]:
+    for line in [*remarks(spec, rows), *_next(store, study, set_)]:
         console.print(line, markup=False, soft_wrap=True)
 
 
@@ -179,7 +181,7 @@ def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:
     }
 
 
-def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
+def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     """What the reader of the table must know."""
     from eiwa.cli.tables import ranked
 
@@ -206,11 +208,13 @@ def _remarks(spec: StudySpec, rows: list[Row]) -> list[str]:
     return lines
 
 
-def _next(store: Store, study: str) -> list[str]:
+def _next(store: Store, study: str, set_: list[str] | None) -> list[str]:
+    command = ["eiwa", "study", "dashboard", study]
+    command += ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
+    command += [word for pair in set_ or [] for word in ("--set", pair)]
     lines = ["Where to look next:", f"  every evaluation  {store.folder / 'trials'}/*.parquet"]
-    if store.journal.exists():
-        lines.append(f"  the search        optuna-dashboard {store.journal}")
-        if find_spec("optuna_dashboard") is None:
-            lines.append("                    (first: pip install optuna-dashboard)")
+    lines.append(f"  in the browser    {shlex.join(command)}")
+    if find_spec("optuna_dashboard") is None:
+        lines.append("                    (first: pip install 'eiwa[dashboard]')")
     lines.append(f"  one design        eiwa evaluate {shlex.quote(study)} --figure workspace.png")
     return lines

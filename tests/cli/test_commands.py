@@ -114,7 +114,7 @@ def test_a_run_shows_the_best_and_where_to_look(ran):
         "published",
         "0.2732",
         "runs/small/trials/*.parquet",
-        "optuna-dashboard runs/small/journal.log",
+        "eiwa study dashboard small.toml",
         "eiwa evaluate small.toml",
     ):
         assert words in ran.out
@@ -231,10 +231,12 @@ def test_a_study_where_nothing_is_feasible_says_so(cli, path):
 
 def test_a_study_without_a_search(cli, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    said = cli("study", "run", small.write(tmp_path, small.NO_SEARCH).name)
+    said = cli(
+        "study", "run", small.write(tmp_path, small.NO_SEARCH).name, "--runs", "else where", "--set", "study.seed=2"
+    )
     assert said.code == 0
     assert "optimum" in said.out
-    assert "optuna-dashboard" not in said.out
+    assert "eiwa study dashboard small.toml --runs 'else where' --set study.seed=2\n" in said.out
 
 
 def test_a_study_of_nothing(cli, tmp_path, monkeypatch):
@@ -546,7 +548,7 @@ def test_a_broken_plugin_is_listed(cli, monkeypatch):
 
 
 def test_the_dashboard_is_named_with_how_to_get_it(ran):
-    assert ("pip install optuna-dashboard" in ran.out) is (find_spec("optuna_dashboard") is None)
+    assert ("pip install 'eiwa[dashboard]'" in ran.out) is (find_spec("optuna_dashboard") is None)
 
 
 # schema
