@@ -328,6 +328,30 @@ def test_check_as_json(cli, path):
     assert found["seconds"] == pytest.approx(8 * found["seconds_per_trial"])
 
 
+AUTO = ("--set", "study.sampler=auto")
+CHOSEN = "Sampler: auto is tpe, for 8 trials are fewer than 1000."
+
+
+def test_check_says_which_sampler_auto_is(cli, path):
+    assert CHOSEN in cli("study", "check", path, *AUTO).out
+    assert answer(cli("study", "check", path, *AUTO, "--json"))["sampler"] == "tpe"
+    assert "Sampler" not in cli("study", "check", path).out
+
+
+def test_run_says_which_sampler_auto_is_on_stderr(cli, path):
+    said = cli("study", "run", path, *AUTO)
+    assert said.code == 0
+    assert said.err.count(CHOSEN) == 1
+    assert "Sampler" not in said.out
+
+
+def test_auto_that_becomes_another_sampler_is_another_study(cli, path):
+    assert cli("study", "run", path, *AUTO).code == 0
+    said = cli("study", "run", path, *AUTO, "--set", "study.trials=1000")
+    assert said.code == 2
+    assert "study.sampler.kind: tpe -> nsga2" in said.err
+
+
 def test_check_of_a_study_that_leaves_the_sampling_to_its_defaults(cli, path, tmp_path):
     small.write(tmp_path, {"[sampling]\nsamples = 4096\nreplicates = 2\n": ""})
     said = cli("study", "check", path)

@@ -106,14 +106,11 @@ class StopError(Exception):
     pass
 
 
-class StopAfter:
+class StopAfter(Silent):
     """A listener that stops a run after so many trials."""
 
     def __init__(self, trials):
         self.left = trials
-
-    def begin(self, stage, total, done):
-        pass
 
     def __call__(self, stage, row):
         self.left -= stage == "search"
