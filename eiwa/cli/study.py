@@ -159,7 +159,7 @@ def _report(spec: StudySpec, store: Store, study: str, set_: list[str] | None, a
     for table in (tables.scenarios(spec, rows), tables.assumptions(spec)):
         if table is not None:
             console.print(table)
-    for line in [*remarks(spec, rows), *_next(store, study, set_)]:
+    for line in [*remarks(spec, rows), *_next(spec, store, study, set_)]:
         console.print(line, markup=False, soft_wrap=True)
 
 
@@ -208,12 +208,13 @@ def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _next(store: Store, study: str, set_: list[str] | None) -> list[str]:
-    command = ["eiwa", "study", "dashboard", study]
-    command += ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
-    command += [word for pair in set_ or [] for word in ("--set", pair)]
+def _next(spec: StudySpec, store: Store, study: str, set_: list[str] | None) -> list[str]:
+    options = ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
+    options += [word for pair in set_ or [] for word in ("--set", pair)]
     lines = ["Where to look next:", f"  every evaluation  {store.folder / 'trials'}/*.parquet"]
-    lines.append(f"  in the browser    {shlex.join(command)}")
+    if len(spec.objectives) > 1 and spec.study.trials:
+        lines.append(f"  the Pareto front  {shlex.join(['eiwa', 'study', 'pareto', study, *options])}")
+    lines.append(f"  in the browser    {shlex.join(['eiwa', 'study', 'dashboard', study, *options])}")
     if find_spec("optuna_dashboard") is None:
         lines.append("                    (first: pip install 'eiwa[dashboard]')")
     lines.append(f"  one design        eiwa evaluate {shlex.quote(study)} --figure workspace.png")

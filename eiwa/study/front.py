@@ -17,7 +17,13 @@ MARGIN = 0.1
 
 def nondominated(points: Array) -> NDArray[np.bool_]:
     """Which points no other point dominates; of equal ones the first."""
-    kept: NDArray[np.bool_] = _moocore().is_nondominated(points, keep_weakly=False)
+    left, k = np.arange(len(points)), 0
+    while k < len(left):
+        stays = (points[left] < points[left[k]]).any(axis=1)
+        stays[k] = True
+        left, k = left[stays], int(stays[:k].sum()) + 1
+    kept = np.zeros(len(points), np.bool_)
+    kept[left] = True
     return kept
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eiwa.core.spec import StudySpec
+from eiwa.study.front import nondominated
 from eiwa.study.rows import Row
 
 LEADERS = 3
@@ -35,19 +36,10 @@ def leaders(spec: StudySpec, rows: Sequence[Row], count: int = LEADERS) -> list[
 
 def _spread(values: NDArray[np.float64]) -> list[int]:
     """Members of the front nearest to evenly spaced values of the first objective; rows are sorted, smaller is better."""
-    front = _front(values)
-    first = values[front, 0]
+    members = np.flatnonzero(nondominated(values))
+    first = values[members, 0]
     wanted = np.linspace(first[0], first[-1], SPREAD)
-    return sorted({front[int(np.abs(first - value).argmin())] for value in wanted})
-
-
-def _front(values: NDArray[np.float64]) -> list[int]:
-    """Rows that no other dominates, the first of equal ones; rows are sorted, so that none is dominated by a later one."""
-    front: list[int] = []
-    for k, row in enumerate(values):
-        if not (values[front] <= row).all(axis=1).any():
-            front.append(k)
-    return front
+    return sorted({int(members[np.abs(first - value).argmin()]) for value in wanted})
 
 
 def parameters(result: Row) -> dict[str, float]:

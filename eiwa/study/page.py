@@ -17,7 +17,6 @@ from typing import Any, NoReturn
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 from optuna.storages import BaseStorage
 from optuna.study import StudyDirection
 from optuna.study._frozen import FrozenStudy
@@ -25,9 +24,11 @@ from optuna.trial import FrozenTrial, TrialState
 
 from eiwa.core.errors import StoreError
 from eiwa.core.spec import StudySpec
+from eiwa.study.front import nondominated
 from eiwa.study.rows import Row
 from eiwa.study.run import parameters
 from eiwa.study.sampler import distributions
+from eiwa.study.search import metric_names
 from eiwa.study.store import Store
 
 STUDY = 0
@@ -134,9 +135,7 @@ class Page(BaseStorage):
 
     def _said(self, description: Description) -> dict[str, Any]:
         """A description in the study's system attributes, under the names that optuna-dashboard knows."""
-        labels = [o.label for o in self._spec.objectives]
-        names = [f"{n} ({i})" if labels.count(n) > 1 else n for i, n in enumerate(labels)]
-        said: dict[str, Any] = {"study:metric_names": names or ["no objective"]}
+        said: dict[str, Any] = {"study:metric_names": metric_names(self._spec) or ["no objective"]}
         for of, text in {"": description.note, **{f"{n}:": t for n, t in description.notes.items()}}.items():
             said |= {f"dashboard:{of}note_ver": 1, f"dashboard:{of}note_str:0": text}
         for name, figure in description.figures.items():
@@ -222,15 +221,4 @@ def front(trials: Sequence[FrozenTrial], directions: Sequence[StudyDirection]) -
     met = [t for t in trials if t.state is TrialState.COMPLETE and max(_violations(t), default=0.0) <= 0]
     signs = [-1.0 if d is StudyDirection.MAXIMIZE else 1.0 for d in directions]
     points = np.array([t.values for t in met]).reshape(len(met), len(signs)) * signs
-    return [met[k] for k in nondominated(points)]
-
-
-def nondominated(points: NDArray[np.float64]) -> list[int]:
-    """Which of the points (n, m), each to be small, no other one dominates, in their order."""
-    left, k = np.arange(len(points)), 0
-    while k < len(left):
-        point, others = points[left[k]], points[left]
-        stays = (others < point).any(axis=1) | (others == point).all(axis=1)
-        left, k = left[stays], int(stays[:k].sum()) + 1
-    found: list[int] = left.tolist()
-    return found
+    return [met[k] for k in np.flatnonzero(nondominated(points))]

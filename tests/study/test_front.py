@@ -149,4 +149,11 @@ def test_designs_that_do_not_count_leave_the_hypervolume_as_it_is():
 def test_without_moocore_the_remedy_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "moocore", None)
     with pytest.raises(EiwaError, match=r'pip install "eiwa\[analysis\]"'):
-        front.nondominated(np.zeros((1, 2)))
+        front.contributions(np.zeros((1, 2)), np.ones(2))
+
+
+@given(arrays(float, st.tuples(st.integers(0, 12), st.integers(1, 3)), elements=st.integers(0, 4).map(float)))
+def test_points_that_no_other_dominates(points):
+    """By the definition, on few values, so that many are equal; of equal ones the first."""
+    beaten = lambda k, p: any((o <= p).all() and ((o < p).any() or j < k) for j, o in enumerate(points))  # noqa: E731
+    assert front.nondominated(points).tolist() == [not beaten(k, p) for k, p in enumerate(points)]
