@@ -1,7 +1,14 @@
 """Processes that are stopped, killed and started twice: what they leave is continued to what a whole run gives."""
 
+import json
+import os
 import random
+import signal
+import subprocess
+import sys
 import time
+from collections import Counter
+from pathlib import Path
 
 import pytest
 
@@ -57,24 +64,63 @@ def test_ctrl_c_ends_with_130_and_is_continued(path, tmp_path, whole):
     assert finish(tmp_path, path) == whole
 
 
+KILLS, OF_POOLS = 48, 6
+CHEAP = {
+    "trials = 8": "trials = 240",
+    "samples = 4096\nreplicates": "samples = 256\nreplicates",
+    "size = 0.05": "size = 0.1",
+}
+
+
 @pytest.mark.slow
-def test_kill_at_any_moment_is_continued(path, tmp_path, whole):
-    """Eight times, at moments from before the first trial to the middle of a write."""
-    moments, killed = random.Random(1), 0
-    for _ in range(8):
-        process = small.start("study", "run", path, folder=tmp_path)
-        journal = tmp_path / "runs/small/journal.log"
-        before = journal.stat().st_size if journal.exists() else -1
-        while process.poll() is None and not (journal.exists() and journal.stat().st_size != before):
-            time.sleep(0.01)
-        time.sleep(moments.uniform(0.0, 0.6))
-        killed += process.poll() is None
-        process.kill()
-        process.communicate()
-    assert killed >= 5
-    kept = Store(tmp_path / "runs/small").rows()
-    assert any(r["kind"] == "trial" for r in kept)
-    assert finish(tmp_path, path) == whole
+@pytest.mark.timeout(600)
+def test_fifty_kills_are_continued(tmp_path):
+    """Masters and workers of one study die by SIGKILL, at random times and in the middle of writes.
+
+    Nothing that was heard of is lost or made twice, and in the end the table is that of a run that nobody interrupts.
+    """
+    moments, runs = random.Random(3), tmp_path / "runs"
+    path = small.write(tmp_path, CHEAP)
+    environment = {"EIWA_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
+    killed = Counter()
+    while sum(killed.values()) < OF_POOLS:
+        kill_in_a_pool(path, tmp_path, moments, killed)
+    command = [sys.executable, "-m", "tests.study.killing", str(path), str(runs), str(KILLS), "1"]
+    done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    killed += Counter(json.loads(done.stdout))
+    assert sum(killed.values()) >= 50
+    kinds = ("master", "worker", "at a random time", "before a flush", "after a flush", "before a rename")
+    assert {*kinds, "half a journal write"} <= killed.keys(), killed
+
+    heard = [json.loads(line) for line in (runs / "heard.jsonl").read_text().splitlines()]
+    before = Store(runs / "small").rows()
+    assert finish(tmp_path, path) == small.results(small.run(load(path), tmp_path / "clean"))
+    rows = Store(runs / "small").rows()
+    made = Counter((r["kind"], r["name"], r["number"]) for r in rows)
+    assert set(made.values()) == {1}
+    by = {(r["kind"], r["name"], r["number"]): r["pid"] for r in rows}
+    assert len(heard) > 20
+    assert all(by[note["kind"], note["name"], note["number"]] == note["pid"] for note in heard)
+    assert [r for r in rows if r in before] == before
+
+
+def kill_in_a_pool(path, folder, moments, killed):
+    """Run with two workers, and kill the master or the process that made the newest row."""
+    store = Store(folder / "runs/small")
+    before = len(store.parts)
+    process = small.start("study", "run", path, "--workers", "2", folder=folder, EIWA_THREADS="2")
+    wait_for(process, lambda: len(store.parts) > before)
+    time.sleep(moments.uniform(0.0, 0.3))
+    newest = max(store.rows(), key=lambda r: r["started"])
+    if moments.random() < 0.5:
+        os.kill(newest["pid"], signal.SIGKILL)
+        killed["worker"] += 1
+        before = len(store.parts)
+        wait_for(process, lambda: len(store.parts) > before)
+    process.kill()
+    process.communicate()
+    killed["master"] += 1
 
 
 @pytest.mark.slow
