@@ -105,19 +105,23 @@ def test_fifty_kills_are_continued(tmp_path):
     assert [r for r in rows if r in before] == before
 
 
+def rows_of(store):
+    return store.table().num_rows
+
+
 def kill_in_a_pool(path, folder, moments, killed):
     """Run with two workers, and kill the master or the process that made the newest row."""
     store = Store(folder / "runs/small")
-    before = len(store.parts)
+    before = rows_of(store)
     process = small.start("study", "run", path, "--workers", "2", folder=folder, EIWA_THREADS="2")
-    wait_for(process, lambda: len(store.parts) > before)
+    wait_for(process, lambda: rows_of(store) > before, 240)
     time.sleep(moments.uniform(0.0, 0.3))
     newest = max(store.rows(), key=lambda r: r["started"])
     if moments.random() < 0.5:
         os.kill(newest["pid"], signal.SIGKILL)
         killed["worker"] += 1
-        before = len(store.parts)
-        wait_for(process, lambda: len(store.parts) > before)
+        before = rows_of(store)
+        wait_for(process, lambda: rows_of(store) > before, 240)
     process.kill()
     process.communicate()
     killed["master"] += 1

@@ -5,6 +5,7 @@ import shutil
 import warnings
 
 import optuna
+import pyarrow.parquet as pq
 import pytest
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import TrialState
@@ -305,3 +306,32 @@ def test_optuna_knows_the_names_whenever_the_first_run_ended(moment, cut_at, tmp
         loaded = optuna.load_study(study_name="small", storage=journal.storage(store.journal))
         assert loaded.metric_names == ["F"]
     assert loaded.user_attrs["constraints"] == ["reach <= 0.4"]
+
+
+# Rows that were written one by one
+
+
+@pytest.fixture
+def one_by_one(monkeypatch):
+    """Every row is a part, as with evaluations that take their time."""
+    monkeypatch.setattr("eiwa.study.run.PATIENCE", -1.0)
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2"])
+@pytest.mark.parametrize("journal", ["kept", "lost"])
+def test_a_batch_of_which_only_some_have_rows_is_continued(sampler, journal, cut_at, one_by_one, clean, tmp_path):
+    """Also where these are not the first of it, as with workers, and the journal is gone."""
+    for moment, missing in ((8, 0), (9, 1), (10, 0), (15, 1)):
+        folder = tmp_path / str(moment)
+        cut_at(moment)
+        with pytest.raises(Cut):
+            small.run(study(sampler), folder)
+        cut_at(0)
+        store = Store(folder / "small")
+        trials = [part for part in store.parts if "trial" in {r["kind"] for r in pq.read_table(part).to_pylist()}]
+        if missing and trials:
+            trials[-1 - missing].unlink()
+        if journal == "lost":
+            store.journal.unlink()
+        assert small.results(small.run(study(sampler), folder)) == small.results(clean(sampler)), moment
+        consistent(store)
