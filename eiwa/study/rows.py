@@ -124,10 +124,11 @@ def at(label: str) -> str:
     return f"@{label}" if label else ""
 
 
-def adjustable(spec: StudySpec) -> list[str]:
+@lru_cache(maxsize=8)
+def adjustable(spec: StudySpec) -> tuple[str, ...]:
     """What operators adjust under some scenario."""
     found = [spec.design(s.overrides).adjust for s in spec.scenarios]
-    return [what for what in ("armrest", "seat") if any(getattr(adjust, what) for adjust in found)]
+    return tuple(what for what in ("armrest", "seat") if any(getattr(adjust, what) for adjust in found))
 
 
 def row(spec: StudySpec, task: Task) -> Row:
