@@ -103,13 +103,17 @@ def schema(spec: StudySpec) -> pa.Schema:
 
 
 def metadata(spec: StudySpec) -> dict[bytes, bytes]:
-    """What a part says about itself: the columns' version, and the study with and without its defaults."""
+    """What a part says about itself: the columns' version, and the study with and without its defaults.
+
+    Where it ran and was stored is left out: an address may hold a password.
+    """
+    resolved, file = ({k: v for k, v in tree.items() if k != "execution"} for tree in (spec.resolved, spec.tree))
     texts = {
         VERSION_KEY.decode(): str(VERSION),
         "eiwa.version": __version__,
         "eiwa.spec_hash": spec.hash,
-        "eiwa.study": json.dumps(spec.resolved, sort_keys=True, default=str),
-        "eiwa.file": json.dumps(spec.tree, default=str),
+        "eiwa.study": json.dumps(resolved, sort_keys=True, default=str),
+        "eiwa.file": json.dumps(file, default=str),
     }
     return {key.encode(): value.encode() for key, value in texts.items()}
 
