@@ -32,9 +32,7 @@ class Tpe(Parameters):
     kind: Literal["tpe"] = "tpe"
     startup_trials: int = quantity(10, ge=1, description="Random trials before the densities are used.")
     candidates: int = quantity(24, ge=1, description="Candidates of which the most promising one is proposed.")
-    multivariate: bool | None = quantity(
-        None, description="One density over all variables; left out: with one objective only."
-    )
+    multivariate: bool = quantity(True, description="One density over all variables together, not one for each.")
 
 
 class Random(Parameters):

@@ -86,7 +86,7 @@ class BatchSampler(BaseSampler):
 
     def infer_relative_search_space(self, study: optuna.Study, trial: FrozenTrial) -> dict[str, BaseDistribution]:
         """All variables that have more than one value."""
-        if isinstance(self.inner, optuna.samplers.TPESampler) and not self.inner._is_multivariate(study):
+        if isinstance(self.inner, optuna.samplers.TPESampler) and not self.inner._multivariate:
             return {}
         return {name: d for name, d in self._space.items() if not d.single()}
 
