@@ -23,12 +23,6 @@ if TYPE_CHECKING:
 FAR = 0.2
 """``run`` speaks of too few samples only where the last doubling still moved F by more than this share."""
 app = typer.Typer(help="Run, check and look at studies.", no_args_is_help=True)
-app.command("export")(stored.export)
-app.command("replay")(stored.replay)
-app.command("pareto")(pareto.pareto)
-app.command("sensitivity")(sensitivity.sensitivity)
-app.command("tolerance")(tolerance.tolerance)
-app.command("dashboard")(dashboard.dashboard)
 
 
 @app.command("run")
@@ -145,6 +139,14 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
         console.print(line, markup=False, soft_wrap=True)
     if short:
         console.print(tables.shortfall(short, spec), markup=False)
+
+
+app.command("pareto")(pareto.pareto)
+app.command("sensitivity")(sensitivity.sensitivity)
+app.command("tolerance")(tolerance.tolerance)
+app.command("dashboard")(dashboard.dashboard)
+app.command("export")(stored.export)
+app.command("replay")(stored.replay)
 
 
 def _report(spec: StudySpec, store: Store, study: str, set_: list[str] | None, as_json: bool) -> None:

@@ -35,7 +35,7 @@ def tolerance(
     set_: Settings = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what is left of a design once it is made: under [tolerance], and with values of the [catalogue]."""
+    """Show what is left of a design once it is made: errors of manufacture, and values of a catalogue."""
     from eiwa.core.errors import EiwaError
     from eiwa.core.spec import load
     from eiwa.study import probe

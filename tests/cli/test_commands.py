@@ -1,6 +1,7 @@
 """Every command: help, exit codes, JSON on stdout and nothing beside it, what is said the second time."""
 
 import json
+import re
 import shlex
 from importlib.util import find_spec
 
@@ -600,3 +601,19 @@ def test_schema_of_a_file_that_is_not_there(cli):
     said = cli("schema", "--study", "nowhere.toml")
     assert (said.code, said.out) == (2, "")
     assert "nowhere.toml: cannot be read" in said.err
+
+
+def test_no_help_has_words_in_square_brackets():
+    """The screen takes them for markup and leaves them out."""
+    import typer
+
+    from eiwa.cli import app
+
+    def walk(command):
+        yield command
+        for child in getattr(command, "commands", {}).values():
+            yield from walk(child)
+
+    for command in walk(typer.main.get_command(app)):
+        texts = [command.help or "", *(getattr(p, "help", None) or "" for p in command.params)]
+        assert not [text for text in texts if re.search(r"(?<!\\)\[[a-z.]+\]", text)], command.name
