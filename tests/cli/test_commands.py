@@ -21,7 +21,7 @@ COMMANDS = {
     ("study", "compare"): ["STUDY.toml", "--replicates", "--runs", "--set", "--json"],
     ("study", "pareto"): ["STUDY.toml", "--objectives", "--with", "--csv", "--parquet", "--figure", "+NAME", "--json"],
     ("study", "sensitivity"): ["STUDY.toml", "--design", "--share", "--sobol", "--replicates", "--figure", "--json"],
-    ("study", "tolerance"): ["STUDY.toml", "--design", "--draws", "--runs", "--set", "--json"],
+    ("study", "tolerance"): ["catalogue", "STUDY.toml", "--design", "--draws", "--runs", "--set", "--json"],
     ("converge",): ["STUDY.toml", "--design", "--set", "--json"],
     ("verify",): ["--json"],
     ("bench",): ["compare|share|scaling", "--seconds", "--quick", "--out", "--json"],
