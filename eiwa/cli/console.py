@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -21,6 +23,14 @@ Settings = Annotated[
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, everything else on stderr.")]
 Runs = Annotated[str, typer.Option("--runs", metavar="DIR", help="Where the folders of studies are.")]
+
+
+def called() -> str:
+    """What to write for ``eiwa`` to run it again: its path, where the shell would not find it."""
+    program = sys.argv[0]
+    if os.path.basename(program) != "eiwa" or shutil.which("eiwa"):
+        return "eiwa"
+    return min(os.path.relpath(program), program, key=len)
 
 
 def settings(pairs: list[str] | None) -> dict[str, Any]:

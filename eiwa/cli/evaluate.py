@@ -68,8 +68,9 @@ def evaluate(
             }
         )
         return
+    title = f"Design {design or 'as written in ' + study}" + (", changed by --set" if put else "")
     console = out()
-    console.print(tables.metrics(spec, outcome.scenarios, f"Design {design or 'as written in ' + study}"))
+    console.print(tables.metrics(spec, outcome.scenarios, title))
     if adjustable(spec):
         console.print(tables.operators(spec, outcome.operators))
     for constraint, violation in zip(spec.constraints, outcome.violations, strict=True):

@@ -13,7 +13,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from eiwa.cli import dashboard, pareto, sensitivity, stored, tolerance
-from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, resumable, settings
+from eiwa.cli.console import (
+    AsJson,
+    Runs,
+    Settings,
+    StudyFile,
+    called,
+    err,
+    listen_to_log,
+    out,
+    print_json,
+    resumable,
+    settings,
+)
 
 if TYPE_CHECKING:
     from eiwa.core.spec import StudySpec
@@ -215,9 +227,9 @@ def _next(spec: StudySpec, store: Store, study: str, set_: list[str] | None) -> 
     options += [word for pair in set_ or [] for word in ("--set", pair)]
     lines = ["Where to look next:", f"  every evaluation  {store.folder / 'trials'}/*.parquet"]
     if len(spec.objectives) > 1 and spec.study.trials:
-        lines.append(f"  the Pareto front  {shlex.join(['eiwa', 'study', 'pareto', study, *options])}")
-    lines.append(f"  in the browser    {shlex.join(['eiwa', 'study', 'dashboard', study, *options])}")
+        lines.append(f"  the Pareto front  {shlex.join([called(), 'study', 'pareto', study, *options])}")
+    lines.append(f"  in the browser    {shlex.join([called(), 'study', 'dashboard', study, *options])}")
     if find_spec("optuna_dashboard") is None:
         lines.append("                    (first: pip install 'eiwa[dashboard]')")
-    lines.append(f"  one design        eiwa evaluate {shlex.quote(study)} --figure workspace.png")
+    lines.append(f"  one design        {shlex.join([called(), 'evaluate', study])} --figure workspace.png")
     return lines
