@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eiwa.core.interval import Difference
-    from eiwa.core.sections import ObjectiveSection
+    from eiwa.core.objectives import ObjectiveSection
     from eiwa.core.spec import StudySpec
     from eiwa.study.sensitivity import Effect, Index, Sobol
 

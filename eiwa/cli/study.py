@@ -186,6 +186,7 @@ def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:
 def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     """What the reader of the table must know."""
     from eiwa.cli.tables import ranked
+    from eiwa.study.sampler import search_size
 
     trials = [r for r in rows if r["kind"] == "trial"]
     failed = [r for r in trials if r["state"] == "FAIL"]
@@ -205,8 +206,8 @@ def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     if trials and not any(r["feasible"] for r in trials):
         bounds = ", ".join(c.label for c in spec.constraints)
         lines.append(f"No trial meets the constraints ({bounds}): widen them, or the search.")
-    if len(trials) < spec.study.trials and trials:
-        lines.append(f"{len(trials)} trials of {spec.study.trials} so far.")
+    if trials and len(trials) < (target := search_size(spec)):
+        lines.append(f"{len(trials)} trials of {target} so far.")
     return lines
 
 
