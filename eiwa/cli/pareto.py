@@ -73,7 +73,7 @@ def pareto(
         console = out()
         console.print(shown(spec, found))
         for line in remarks(found):
-            console.print(line, markup=False, soft_wrap=True)
+            console.print(line, markup=False)
 
 
 def table_of(found: Pareto) -> pa.Table:

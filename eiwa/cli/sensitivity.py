@@ -104,7 +104,7 @@ def sensitivity(
         console.print(_effects(objective, effects, k, centre.name))
         console.print(_shares(spec, objective, *shares[k]))
     for line in _remarks(share, sobol, count, told_apart):
-        console.print(line, markup=False, soft_wrap=True)
+        console.print(line, markup=False)
 
 
 @contextmanager

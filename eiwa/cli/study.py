@@ -161,7 +161,9 @@ def _report(spec: StudySpec, store: Store, study: str, set_: list[str] | None, a
     for table in (tables.scenarios(spec, rows), tables.assumptions(spec)):
         if table is not None:
             console.print(table)
-    for line in [*remarks(spec, rows), *_next(spec, store, study, set_)]:
+    for line in remarks(spec, rows):
+        console.print(line, markup=False)
+    for line in _next(spec, store, study, set_):
         console.print(line, markup=False, soft_wrap=True)
 
 

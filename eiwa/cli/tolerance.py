@@ -79,7 +79,7 @@ def tolerance(
             if spread.effects:
                 console.print(_effects(spec, spread))
         for line in _remarks(made):
-            console.print(line, markup=False, soft_wrap=True)
+            console.print(line, markup=False)
     if chosen:
         console.print(_choices(alone, *chosen, centre.name))
         console.print("! breaks a constraint.  ~ cannot be told from the best of these.", markup=False)

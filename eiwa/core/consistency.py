@@ -49,11 +49,10 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
 
 def _contested(spec: StudySpec, axes: Iterable[str]) -> Iterable[str]:
     """One value has one master: the search, the scenarios, or the operator who adjusts it."""
-    named = [(f"scenarios.{s.label}", p) for s in spec.scenarios for p in parted(s.overrides)[1] if p not in axes]
-    for where, path in [*(("scenarios", p) for p in axes), *named]:
+    for path in axes:
         if path in spec.searched:
             remedy = "Take it out of [search], or out of [scenarios]."
-            yield finding(f'{where}."{path}"', "the search chooses this value already.", remedy=remedy)
+            yield finding(f'scenarios."{path}"', "the search chooses this value already.", remedy=remedy)
     for scenario in spec.scenarios:
         try:
             adjust = spec.design(scenario.overrides).adjust

@@ -56,7 +56,6 @@ def test_constraints_that_cannot_be(lines, told):
     ("lines", "told"),
     [
         ('[scenarios]\n"layout.spacing" = [0.2, 0.3]', 'scenarios."layout.spacing": the search chooses this value'),
-        ('[scenarios.A]\n"layout.spacing" = 0.3', 'scenarios.A."layout.spacing": the search chooses this value'),
         (f'[scenarios]\n"operator.armrest" = [0, 0.1]\n{ADJUST}', "the operator adjusts this value already"),
         (
             '[scenarios]\n"dexterity.K" = [1, 2]\n[scenarios.B]\n"dexterity.K" = 3',
