@@ -38,7 +38,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Evaluate the named designs, search, and show the best; an interrupted study is continued."""
-    from eiwa.cli import tables
+    from eiwa.cli import trust
     from eiwa.cli.progress import StudyProgress
     from eiwa.core.errors import EiwaError
     from eiwa.core.spec import load
@@ -56,7 +56,7 @@ def run(
     if not store.exists():
         with suppress(EiwaError):  # the run itself tells what is wrong with a design
             if short := shortfall(spec, coarse=FAR):
-                console.print(tables.shortfall(short, spec), style="yellow", markup=False)
+                console.print(trust.shortfall(short, spec), style="yellow", markup=False)
     with resumable(), StudyProgress(spec, console) as progress:
         finished = Run(spec, store, progress).execute()
     if not finished:
@@ -111,7 +111,7 @@ def compare(
 @app.command("check")
 def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> None:
     """Validate a study file; tell cells, memory and seconds per trial."""
-    from eiwa.cli import tables
+    from eiwa.cli import trust
     from eiwa.core.spec import load
     from eiwa.study.estimate import estimate, shortfall
     from eiwa.study.sampler import announced, require
@@ -134,11 +134,11 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
         return
     console = out()
     console.print(f"{study} is valid.", markup=False)
-    console.print(tables.cost(spec, cost))
+    console.print(trust.cost(spec, cost))
     if line := announced(spec):
         console.print(line, markup=False, soft_wrap=True)
     if short:
-        console.print(tables.shortfall(short, spec), markup=False)
+        console.print(trust.shortfall(short, spec), markup=False)
 
 
 app.command("pareto")(pareto.pareto)

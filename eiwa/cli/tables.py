@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console, ConsoleOptions, RenderResult
 
     from eiwa.core.interfaces import Operator
-    from eiwa.study.converge import Point
-    from eiwa.study.estimate import Cost, Shortfall
     from eiwa.study.rows import Row
-    from eiwa.study.verify import Check
 
 WIDTH = 80
 MAX_VALUES = 4
@@ -166,7 +163,7 @@ def assumptions(spec: StudySpec) -> Table | None:
     """Every assumption: its path, the value in force, why."""
     if not spec.assumptions:
         return None
-    table = _table("Assumptions (what the study's source does not state)")
+    table = blank("Assumptions (what the study's source does not state)")
     table.add_column("what", style="cyan")
     table.add_column("value", justify="left", max_width=22)
     table.add_column("why", ratio=1)
@@ -259,7 +256,7 @@ class Folding(Table):
 
     def _of(self, part: Sequence[int]) -> Table:
         """Some of the columns."""
-        table = _table("")
+        table = blank("")
         for k in part:
             c = self.columns[k]
             table.add_column(c.header, justify=c.justify, style=c.style, no_wrap=c.no_wrap)
@@ -273,7 +270,8 @@ def _length(cell: Any) -> int:
     return max(map(cell_len, text.plain.split("\n")))
 
 
-def _table(title: str) -> Table:
+def blank(title: str) -> Table:
+    """A table without columns yet."""
     from rich import box
 
     return Folding(
@@ -284,90 +282,6 @@ def _table(title: str) -> Table:
         pad_edge=False,
         collapse_padding=True,
     )
-
-
-def cost(spec: StudySpec, cost: Cost) -> Table:
-    """What a run will take."""
-    table = _table(f"Study {spec.study.name}")
-    table.add_column("what")
-    table.add_column("how much", justify="right")
-    rows = [
-        ("cells of E's grid", f"{cost.cells:,}"),
-        ("memory for the grids", f"{cost.memory / 2**20:.1f} MiB"),
-        ("samples per evaluation", f"{lookup(spec.resolved, 'sampling.samples'):,}"),
-        ("scenarios", str(len(spec.scenarios))),
-        ("named designs", str(len(spec.designs))),
-        ("variables", ", ".join(spec.ranges) or "none"),
-        ("trials", str(cost.trials)),
-        ("time per trial", f"{cost.seconds_per_trial:.2f} s"),
-        ("time for the search", f"{cost.seconds:.0f} s"),
-    ]
-    for what, much in rows:
-        table.add_row(what, much)
-    return table
-
-
-def shortfall(found: Shortfall, spec: StudySpec) -> str:
-    """One sentence about voxels that are too fine for their samples."""
-    size, samples = lookup(spec.resolved, "voxels.size"), lookup(spec.resolved, "sampling.samples")
-    return (
-        f"{samples:,} samples are few for voxels of {1e3 * size:g} mm: F = {found.F:.4f} lies about {found.error:.0%} below "
-        f'the true F on this grid. estimator = "elites" comes within {found.tolerance:.0%} with about '
-        f"{found.evaluations:,} evaluations."
-    )
-
-
-def convergence(points: Sequence[Point], title: str) -> Table:
-    """F: a row per number of samples, a column per voxel size; below, what elites reach."""
-    sizes = list(dict.fromkeys(p.size for p in points))
-    table = _by_size(title, sizes)
-    for samples, row in _sampled(points):
-        table.add_row(f"{samples:,}", *(with_error(p.F, p.se) for p in row))
-    refined = [p for p in points if p.estimator == "elites"]
-    if refined:
-        table.add_section()
-        table.add_row("elites", *(with_error(p.F, p.se) for p in refined), style="bold")
-        table.add_row("may still rise", *(f"{p.remaining or 0:.4f}" for p in refined))
-        table.add_row("evaluations", *(f"{p.samples:,}" for p in refined))
-    return table
-
-
-def convergence_of_volume(points: Sequence[Point], title: str) -> Table:
-    """The dexterous volume of one arm [m3], laid out alike: counted voxels, and below what it is without their border."""
-    table = _by_size(title, list(dict.fromkeys(p.size for p in points)))
-    for samples, row in _sampled(points):
-        table.add_row(f"{samples:,}", *(with_error(p.dexterous_volume, None) for p in row))
-    corrected = [p for p in points if p.estimator == "elites"]
-    if corrected:
-        table.add_section()
-        table.add_row("corrected", *(with_error(p.dexterous_volume, None) for p in corrected), style="bold")
-    return table
-
-
-def _by_size(title: str, sizes: Sequence[float]) -> Table:
-    table = _table(title)
-    table.add_column("samples", justify="right", no_wrap=True)
-    for size in sizes:
-        table.add_column(f"r = {1e3 * size:g} mm", justify="right", no_wrap=True)
-    return table
-
-
-def _sampled(points: Sequence[Point]) -> list[tuple[int, list[Point]]]:
-    plain = [p for p in points if p.estimator != "elites"]
-    return [(n, [p for p in plain if p.samples == n]) for n in dict.fromkeys(p.samples for p in plain)]
-
-
-def verification(checks: Sequence[Check]) -> Table:
-    """Exact values beside ours."""
-    table = _table("eiwa on this machine")
-    table.add_column("check")
-    for column in ("exact", "found", "error", "allowed"):
-        table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for c in checks:
-        verdict = Text("passed", style="green") if c.passed else Text("FAILED", style="bold red")
-        table.add_row(Text(c.name), f"{c.exact:.8g}", f"{c.found:.8g}", f"{c.error:.1e}", f"{c.allowed:.0e}", verdict)
-    return table
 
 
 def plain(
@@ -382,7 +296,7 @@ def plain(
 
     ``bold`` is the number of a row to stress, ``after`` of one to draw a line under.
     """
-    table = _table(title)
+    table = blank(title)
     for number, column in enumerate(columns):
         table.add_column(Text(column), justify="right" if number else "left", no_wrap=True)
     for number, row in enumerate(rows):
