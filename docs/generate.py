@@ -9,7 +9,7 @@ import shutil
 from pathlib import Path
 
 from eiwa import testing
-from eiwa.core import hookspecs, manufacture, sections
+from eiwa.core import hookspecs, manufacture, objectives, sections
 from eiwa.core.description import tables, toml
 from eiwa.core.errors import EiwaError
 from eiwa.core.registry import KINDS, load
@@ -29,8 +29,8 @@ SECTIONS = {
     "adjust": sections.AdjustSection,
     "grid": sections.GridSection,
     "range": sections.RangeSection,
-    "objective": sections.ObjectiveSection,
-    "constraint": sections.ConstraintSection,
+    "objective": objectives.ObjectiveSection,
+    "constraint": objectives.ConstraintSection,
     "tolerance": manufacture.ToleranceSection,
 }
 

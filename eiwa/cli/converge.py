@@ -25,7 +25,7 @@ def converge(
     """Show how F and the dexterous volume depend on samples and voxel size, and recommend a setting."""
     from rich.progress import track
 
-    from eiwa.cli import tables
+    from eiwa.cli import trust
     from eiwa.core.spec import load
     from eiwa.study.compare import overrides_of
     from eiwa.study.converge import COUNTS, points, recommendation, sizes
@@ -46,15 +46,15 @@ def converge(
         return
     console = out()
     name = design or "the design as written"
-    console.print(tables.convergence(found, f"F of {name} against N and r"))
-    console.print(tables.convergence_of_volume(found, f"Dexterous volume of one arm [m3], {name}"))
+    console.print(trust.convergence(found, f"F of {name} against N and r"))
+    console.print(trust.convergence_of_volume(found, f"Dexterous volume of one arm [m3], {name}"))
     console.print(f"For an error of {error:.2%} in F:", markup=False)
     console.print(advice, markup=False, soft_wrap=True)
 
 
 def verify(as_json: AsJson = False) -> None:
     """Check closed-form arms on this machine: what eiwa computes beside the exact answer."""
-    from eiwa.cli import tables
+    from eiwa.cli import trust
     from eiwa.study.verify import checks
 
     listen_to_log()
@@ -62,6 +62,6 @@ def verify(as_json: AsJson = False) -> None:
     if as_json:
         print_json({"checks": [{**asdict(c), "error": c.error, "passed": c.passed} for c in found]})
     else:
-        out().print(tables.verification(found))
+        out().print(trust.verification(found))
     if not all(c.passed for c in found):
         sys.exit(1)

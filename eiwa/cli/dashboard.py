@@ -51,9 +51,8 @@ def dashboard(
     if not store.exists():
         raise StoreError(f"{store.folder}: has no results yet. Run: eiwa study run {shlex.quote(study)}")
     if changed := store.changes(spec):
-        raise StoreError(
-            "\n".join([f"{store.folder}: holds results of another study file:", *(f"  {c}" for c in changed[:8])])
-        )
+        lines = [f"{store.folder}: holds results of another study file:", *(f"  {c}" for c in changed[:8])]
+        raise StoreError("\n".join([*lines, "Run the study with --fresh, or give it another name."]))
     page = Page(spec, store, Cards(spec))
     updates = page.updates()
     next(updates)

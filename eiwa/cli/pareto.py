@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from eiwa.core.spec import StudySpec
     from eiwa.study.pareto import Goal, Member, Pareto
 
-WIDTH = 80
 SHOWN = 30
 Chosen = Annotated[
     str | None,
@@ -74,7 +73,7 @@ def pareto(
         console = out()
         console.print(shown(spec, found))
         for line in remarks(found):
-            console.print(line, markup=False, soft_wrap=True)
+            console.print(line, markup=False)
 
 
 def table_of(found: Pareto) -> pa.Table:
@@ -124,7 +123,7 @@ def shown(spec: StudySpec, found: Pareto) -> Table:
         columns = [*heads, *(tables.short(c.split(".", 1)[1]).replace(" ", "\n") for c in searched), *tails]
         values = [[_cell(m.row.get(c)) for c in searched] for m in members]
         rows = [[*a, *b, *c] for a, b, c in zip(before, values, after, strict=True)]
-        if not searched or _width(columns, rows) <= WIDTH:
+        if not searched or tables.width(columns, rows) <= tables.WIDTH:
             return tables.plain(f"Front of {spec.study.name}", columns, rows)
         searched.pop()
 
@@ -190,12 +189,6 @@ def _cell(value: Any) -> str:
     if not isinstance(value, float):
         return "" if value is None else str(value)
     return f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
-
-
-def _width(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
-    """Characters of a table: its widest cells, and two between columns."""
-    cells = [[*head.split("\n"), *(row[k] for row in rows)] for k, head in enumerate(columns)]
-    return sum(2 + max(map(len, column)) for column in cells)
 
 
 def _into(path: str, write: Callable[[pa.Table, Any], None], table: pa.Table) -> None:

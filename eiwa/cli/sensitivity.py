@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from eiwa.core.interval import Difference
-    from eiwa.core.sections import ObjectiveSection
+    from eiwa.core.objectives import ObjectiveSection
     from eiwa.core.spec import StudySpec
     from eiwa.study.sensitivity import Effect, Index, Sobol
 
@@ -104,7 +104,7 @@ def sensitivity(
         console.print(_effects(objective, effects, k, centre.name))
         console.print(_shares(spec, objective, *shares[k]))
     for line in _remarks(share, sobol, count, told_apart):
-        console.print(line, markup=False, soft_wrap=True)
+        console.print(line, markup=False)
 
 
 @contextmanager

@@ -82,7 +82,7 @@ def _pairs(both: dict[str, tuple[Any, Any]]) -> dict[str, dict[str, Any]]:
 def _show(found: Any) -> None:
     console = out()
     if SOURCES[found.source]:
-        console.print(SOURCES[found.source], markup=False, soft_wrap=True)
+        console.print(SOURCES[found.source], markup=False)
     if not found.differing:
         console.print("identical", markup=False)
         return

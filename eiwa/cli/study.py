@@ -50,7 +50,7 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Evaluate the named designs, search, and show the best; an interrupted study is continued."""
-    from eiwa.cli import tables
+    from eiwa.cli import trust
     from eiwa.cli.progress import StudyProgress
     from eiwa.core.errors import EiwaError
     from eiwa.core.spec import load
@@ -68,7 +68,7 @@ def run(
     if not store.exists():
         with suppress(EiwaError):  # the run itself tells what is wrong with a design
             if short := shortfall(spec, coarse=FAR):
-                console.print(tables.shortfall(short, spec), style="yellow", markup=False)
+                console.print(trust.shortfall(short, spec), style="yellow", markup=False)
     with resumable(), StudyProgress(spec, console) as progress:
         finished = Run(spec, store, progress).execute()
     if not finished:
@@ -123,7 +123,7 @@ def compare(
 @app.command("check")
 def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> None:
     """Validate a study file; tell cells, memory and seconds per trial."""
-    from eiwa.cli import tables
+    from eiwa.cli import trust
     from eiwa.core.spec import load
     from eiwa.study.estimate import estimate, shortfall
     from eiwa.study.sampler import announced, require
@@ -146,11 +146,11 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
         return
     console = out()
     console.print(f"{study} is valid.", markup=False)
-    console.print(tables.cost(spec, cost))
+    console.print(trust.cost(spec, cost))
     if line := announced(spec):
         console.print(line, markup=False, soft_wrap=True)
     if short:
-        console.print(tables.shortfall(short, spec), markup=False)
+        console.print(trust.shortfall(short, spec), markup=False)
 
 
 app.command("pareto")(pareto.pareto)
@@ -173,7 +173,9 @@ def _report(spec: StudySpec, store: Store, study: str, set_: list[str] | None, a
     for table in (tables.scenarios(spec, rows), tables.assumptions(spec)):
         if table is not None:
             console.print(table)
-    for line in [*remarks(spec, rows), *_next(spec, store, study, set_)]:
+    for line in remarks(spec, rows):
+        console.print(line, markup=False)
+    for line in _next(spec, store, study, set_):
         console.print(line, markup=False, soft_wrap=True)
 
 
@@ -198,6 +200,7 @@ def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:
 def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     """What the reader of the table must know."""
     from eiwa.cli.tables import ranked
+    from eiwa.study.sampler import search_size
 
     trials = [r for r in rows if r["kind"] == "trial"]
     failed = [r for r in trials if r["state"] == "FAIL"]
@@ -217,8 +220,8 @@ def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     if trials and not any(r["feasible"] for r in trials):
         bounds = ", ".join(c.label for c in spec.constraints)
         lines.append(f"No trial meets the constraints ({bounds}): widen them, or the search.")
-    if len(trials) < spec.study.trials and trials:
-        lines.append(f"{len(trials)} trials of {spec.study.trials} so far.")
+    if trials and len(trials) < (target := search_size(spec)):
+        lines.append(f"{len(trials)} trials of {target} so far.")
     return lines
 
 

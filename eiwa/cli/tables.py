@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from statistics import stdev
 from typing import TYPE_CHECKING, Any
 
+from rich.cells import cell_len
 from rich.table import Table
 from rich.text import Text
 
@@ -17,12 +18,12 @@ from eiwa.core.spec import StudySpec
 from eiwa.core.tree import exists, lookup
 
 if TYPE_CHECKING:
-    from eiwa.core.interfaces import Operator
-    from eiwa.study.converge import Point
-    from eiwa.study.estimate import Cost, Shortfall
-    from eiwa.study.rows import Row
-    from eiwa.study.verify import Check
+    from rich.console import Console, ConsoleOptions, RenderResult
 
+    from eiwa.core.interfaces import Operator
+    from eiwa.study.rows import Row
+
+WIDTH = 80
 MAX_VALUES = 4
 
 
@@ -36,16 +37,9 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     metrics = shown_metrics(spec)
     objectives = columned(spec)
     published = sorted({m for d in spec.designs.values() for m in d.published})
-    table = _table(f"Study {spec.study.name}")
-    table.add_column("design", no_wrap=True)
-    for path in columns[:MAX_VALUES]:
-        table.add_column(short(path).replace(" ", "\n"), justify="right", no_wrap=True)
-    for metric in metrics:
-        table.add_column(f"{metric} ± se" if metric == "F" else lines(metric), justify="right", no_wrap=True)
-    for _, label in objectives:
-        table.add_column(lines(label), justify="right", no_wrap=True)
-    for metric in published:
-        table.add_column(f"published\n{metric}", justify="right", no_wrap=True)
+    heads = ["design", *(short(path).replace(" ", "\n") for path in columns[:MAX_VALUES])]
+    heads += [f"{metric} ± se" if metric == "F" else lines(metric) for metric in metrics]
+    heads += [*(lines(label) for _, label in objectives), *(f"published\n{metric}" for metric in published)]
     best = leaders(spec, rows)
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
     shown = [(r["name"], r) for r in designs(spec, rows)]
@@ -55,17 +49,17 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
         shown.sort(key=lambda item: sign * item[1]["objectives.0"])
     first = len(shown) - len(best) if best else 0
     winner = shown[first][1] if best or (ranked(spec) and shown) else None
-    for position, (name, row) in enumerate(shown):
+    cells = []
+    for name, row in shown:
         tie = " ~" if winner is not None and row is not winner and tied(winner, row) else ""
         values = [_value(spec, row, column, variables) for column in columns[:MAX_VALUES]]
         numbers = [number(row, metric) for metric in metrics]
         values_of = [_objective(row, i) for i, _ in objectives]
         design = spec.designs.get(name)
         known = [_plain(design.published.get(m)) if design else "" for m in published]
-        table.add_row(Text(name + tie), *values, *numbers, *values_of, *known, style="bold" if row is winner else None)
-        if position == first - 1:
-            table.add_section()
-    return table
+        cells.append([name + tie, *values, *numbers, *values_of, *known])
+    bold = next((k for k, (_, row) in enumerate(shown) if row is winner), None)
+    return plain(f"Study {spec.study.name}", heads, cells, bold=bold, after=first - 1)
 
 
 def _objective(row: Row, i: int) -> str:
@@ -89,18 +83,15 @@ def scenarios(spec: StudySpec, rows: Sequence[Row]) -> Table | None:
     if len(spec.scenarios) < 2:
         return None
     metric = next((o.metric for o in spec.objectives if o.metric), "F")
-    table = _table(f"{metric} under every scenario (*: the reference)")
-    table.add_column("scenario", no_wrap=True)
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
     shown = [(r["name"], r) for r in designs(spec, rows)][:3]
     shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in leaders(spec, rows)[:1]]
-    for name, _ in shown:
-        table.add_column(Text(name), justify="right", no_wrap=True)
+    cells = []
     for scenario in spec.scenarios:
         columns = [metric_column(m, scenario.label) for m in (metric, f"{metric}_se")]
-        cells = [with_error(*(row.get(column) for column in columns)) for _, row in shown]
-        table.add_row(Text(scenario_label(spec, scenario.label)), *cells)
-    return table
+        values = [with_error(*(row.get(column) for column in columns)) for _, row in shown]
+        cells.append([scenario_label(spec, scenario.label), *values])
+    return plain(f"{metric} under every scenario (*: the reference)", ["scenario", *(name for name, _ in shown)], cells)
 
 
 def designs(spec: StudySpec, rows: Sequence[Row]) -> list[Row]:
@@ -122,20 +113,21 @@ def columned(spec: StudySpec) -> list[tuple[int, str]]:
 
 
 def metrics(spec: StudySpec, scenarios: Mapping[str, Mapping[str, float | None]], title: str) -> Table:
-    """Every number of one design, one column per scenario."""
+    """Every number of one design, one column per scenario; what it means, where there is but one."""
     known = {name: number for name, (_, number) in spec.registry.numbers().items()}
-    table = _table(title)
-    table.add_column("metric", no_wrap=True)
-    for label in scenarios:
-        table.add_column(scenario_label(spec, label), justify="right", no_wrap=True)
-    explained = len(scenarios) == 1
-    if explained:
-        table.add_column("meaning", style="dim")
+    heads = ["metric", *(scenario_label(spec, label) for label in scenarios)]
+    rows = {}
     for name in next(iter(scenarios.values())):
         if not name.endswith("_se") and any(numbers[name] is not None for numbers in scenarios.values()):
-            cells = [with_error(numbers[name], numbers.get(f"{name}_se")) for numbers in scenarios.values()]
             unit = f" [{known[name].unit}]" if known[name].unit else ""
-            table.add_row(Text(name + unit), *cells, *([known[name].description] if explained else []))
+            values = [with_error(numbers[name], numbers.get(f"{name}_se")) for numbers in scenarios.values()]
+            rows[name] = [name + unit, *values]
+    if len(scenarios) > 1:
+        return plain(title, heads, list(rows.values()))
+    table = plain(title, heads, [])
+    table.add_column("meaning", style="dim")
+    for name, cells in rows.items():
+        table.add_row(*map(Text, cells), known[name].description)
     return table
 
 
@@ -171,7 +163,7 @@ def assumptions(spec: StudySpec) -> Table | None:
     """Every assumption: its path, the value in force, why."""
     if not spec.assumptions:
         return None
-    table = _table("Assumptions (what the study's source does not state)")
+    table = blank("Assumptions (what the study's source does not state)")
     table.add_column("what", style="cyan")
     table.add_column("value", justify="left", max_width=22)
     table.add_column("why", ratio=1)
@@ -244,11 +236,46 @@ def _plain(value: Any) -> str:
     return (f"{value:.0f}" if abs(value) >= 1e4 else f"{value:.4g}") if isinstance(value, float) else str(value)
 
 
-def _table(title: str) -> Table:
+class Folding(Table):
+    """A table whose columns that find no room follow below, beside the first one again."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        widths = [max(_length(text) for text in (c.header, *c.cells)) if c.no_wrap else 2 for c in self.columns]
+        parts = [[0]]
+        for k in range(1, len(self.columns)):
+            if len(parts[-1]) > 1 and sum(2 + widths[j] for j in (*parts[-1], k)) > options.max_width:
+                parts.append([0])
+            parts[-1].append(k)
+        if len(parts) == 1:
+            yield from super().__rich_console__(console, options)
+            return
+        for n, part in enumerate(parts):
+            table = self._of(part)
+            table.title = None if n else self.title
+            yield table
+
+    def _of(self, part: Sequence[int]) -> Table:
+        """Some of the columns."""
+        table = blank("")
+        for k in part:
+            c = self.columns[k]
+            table.add_column(c.header, justify=c.justify, style=c.style, no_wrap=c.no_wrap)
+        for row, *cells in zip(self.rows, *(self.columns[k].cells for k in part), strict=True):
+            table.add_row(*cells, style=row.style, end_section=row.end_section)
+        return table
+
+
+def _length(cell: Any) -> int:
+    text = cell if isinstance(cell, Text) else Text.from_markup(str(cell))
+    return max(map(cell_len, text.plain.split("\n")))
+
+
+def blank(title: str) -> Table:
+    """A table without columns yet."""
     from rich import box
 
-    return Table(
-        title=title.replace("[", "\\["),
+    return Folding(
+        title=title.replace("[", "\\[") or None,
         title_justify="left",
         title_style="bold",
         box=box.SIMPLE_HEAD,
@@ -257,95 +284,27 @@ def _table(title: str) -> Table:
     )
 
 
-def cost(spec: StudySpec, cost: Cost) -> Table:
-    """What a run will take."""
-    table = _table(f"Study {spec.study.name}")
-    table.add_column("what")
-    table.add_column("how much", justify="right")
-    rows = [
-        ("cells of E's grid", f"{cost.cells:,}"),
-        ("memory for the grids", f"{cost.memory / 2**20:.1f} MiB"),
-        ("samples per evaluation", f"{lookup(spec.resolved, 'sampling.samples'):,}"),
-        ("scenarios", str(len(spec.scenarios))),
-        ("named designs", str(len(spec.designs))),
-        ("variables", ", ".join(spec.ranges) or "none"),
-        ("trials", str(cost.trials)),
-        ("time per trial", f"{cost.seconds_per_trial:.2f} s"),
-        ("time for the search", f"{cost.seconds:.0f} s"),
-    ]
-    for what, much in rows:
-        table.add_row(what, much)
-    return table
+def plain(
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    bold: int | None = None,
+    after: int | None = None,
+) -> Table:
+    """Texts as they are, the first column to the left.
 
-
-def shortfall(found: Shortfall, spec: StudySpec) -> str:
-    """One sentence about voxels that are too fine for their samples."""
-    size, samples = lookup(spec.resolved, "voxels.size"), lookup(spec.resolved, "sampling.samples")
-    return (
-        f"{samples:,} samples are few for voxels of {1e3 * size:g} mm: F = {found.F:.4f} lies about {found.error:.0%} below "
-        f'the true F on this grid. estimator = "elites" comes within {found.tolerance:.0%} with about '
-        f"{found.evaluations:,} evaluations."
-    )
-
-
-def convergence(points: Sequence[Point], title: str) -> Table:
-    """F: a row per number of samples, a column per voxel size; below, what elites reach."""
-    sizes = list(dict.fromkeys(p.size for p in points))
-    table = _by_size(title, sizes)
-    for samples, row in _sampled(points):
-        table.add_row(f"{samples:,}", *(with_error(p.F, p.se) for p in row))
-    refined = [p for p in points if p.estimator == "elites"]
-    if refined:
-        table.add_section()
-        table.add_row("elites", *(with_error(p.F, p.se) for p in refined), style="bold")
-        table.add_row("may still rise", *(f"{p.remaining or 0:.4f}" for p in refined))
-        table.add_row("evaluations", *(f"{p.samples:,}" for p in refined))
-    return table
-
-
-def convergence_of_volume(points: Sequence[Point], title: str) -> Table:
-    """The dexterous volume of one arm [m3], laid out alike: counted voxels, and below what it is without their border."""
-    table = _by_size(title, list(dict.fromkeys(p.size for p in points)))
-    for samples, row in _sampled(points):
-        table.add_row(f"{samples:,}", *(with_error(p.dexterous_volume, None) for p in row))
-    corrected = [p for p in points if p.estimator == "elites"]
-    if corrected:
-        table.add_section()
-        table.add_row("corrected", *(with_error(p.dexterous_volume, None) for p in corrected), style="bold")
-    return table
-
-
-def _by_size(title: str, sizes: Sequence[float]) -> Table:
-    table = _table(title)
-    table.add_column("samples", justify="right", no_wrap=True)
-    for size in sizes:
-        table.add_column(f"r = {1e3 * size:g} mm", justify="right", no_wrap=True)
-    return table
-
-
-def _sampled(points: Sequence[Point]) -> list[tuple[int, list[Point]]]:
-    plain = [p for p in points if p.estimator != "elites"]
-    return [(n, [p for p in plain if p.samples == n]) for n in dict.fromkeys(p.samples for p in plain)]
-
-
-def verification(checks: Sequence[Check]) -> Table:
-    """Exact values beside ours."""
-    table = _table("eiwa on this machine")
-    table.add_column("check")
-    for column in ("exact", "found", "error", "allowed"):
-        table.add_column(column, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for c in checks:
-        verdict = Text("passed", style="green") if c.passed else Text("FAILED", style="bold red")
-        table.add_row(Text(c.name), f"{c.exact:.8g}", f"{c.found:.8g}", f"{c.error:.1e}", f"{c.allowed:.0e}", verdict)
-    return table
-
-
-def plain(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Texts as they are, the first column to the left."""
-    table = _table(title)
+    ``bold`` is the number of a row to stress, ``after`` of one to draw a line under.
+    """
+    table = blank(title)
     for number, column in enumerate(columns):
         table.add_column(Text(column), justify="right" if number else "left", no_wrap=True)
-    for row in rows:
-        table.add_row(*map(Text, row))
+    for number, row in enumerate(rows):
+        table.add_row(*map(Text, row), style="bold" if number == bold else None, end_section=number == after)
     return table
+
+
+def width(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
+    """Characters of a table: its widest cells, and two between columns."""
+    cells = [[*head.split("\n"), *(row[k] for row in rows)] for k, head in enumerate(columns)]
+    return sum(2 + max(map(len, column)) for column in cells)

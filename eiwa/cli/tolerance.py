@@ -53,7 +53,11 @@ def tolerance(
         analysis.neighbours(analysis.at_paths(alone, centre.overrides, spec.catalogue, "catalogue"), spec.catalogue)
     )
     costs = [f"{draws} draws"] if spec.tolerance else []
-    costs += [f"{beside} designs of the catalogue with {replicates} replicates"] if spec.catalogue else []
+    costs += (
+        [f"{beside} design{'s' * (beside != 1)} of the catalogue with {replicates} replicates"]
+        if spec.catalogue
+        else []
+    )
     once = (draws + 1 if spec.tolerance else 0, beside + 1 if spec.catalogue else 0)
     seconds = (once[0] + once[1] * replicates) * probe.seconds_per_design(spec, rows)
     with progress("tolerance", sum(once), " and ".join(costs), seconds) as told:
@@ -75,7 +79,7 @@ def tolerance(
             if spread.effects:
                 console.print(_effects(spec, spread))
         for line in _remarks(made):
-            console.print(line, markup=False, soft_wrap=True)
+            console.print(line, markup=False)
     if chosen:
         console.print(_choices(alone, *chosen, centre.name))
         console.print("! breaks a constraint.  ~ cannot be told from the best of these.", markup=False)

@@ -36,6 +36,7 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
         (f"designs.{name}", d.overrides) for name, d in spec.designs.items()
     ]
     variants += [(f"scenarios.{s.label}", s.overrides) for s in spec.scenarios if s.overrides.keys() - axes]
+    yield from _contested(spec, axes)
     for where, overrides in variants:
         tables, values = parted(overrides)
         try:
@@ -46,10 +47,30 @@ def _paths(spec: StudySpec, base: Design) -> Iterable[str]:
         yield from _missing(known, [(f'{where}."{path}"', path, False) for path in values if path not in axes])
 
 
+def _contested(spec: StudySpec, axes: Iterable[str]) -> Iterable[str]:
+    """One value has one master: the search, the scenarios, or the operator who adjusts it."""
+    for path in axes:
+        if path in spec.searched:
+            remedy = "Take it out of [search], or out of [scenarios]."
+            yield finding(f'scenarios."{path}"', "the search chooses this value already.", remedy=remedy)
+    for scenario in spec.scenarios:
+        try:
+            adjust = spec.design(scenario.overrides).adjust
+        except SpecError:
+            continue
+        for what in ("armrest", "seat"):
+            path = f"operator.{what}"
+            if getattr(adjust, what) and (path in spec.searched or path in scenario.overrides):
+                where = "search" if path in spec.searched else "scenarios"
+                remedy = f"Take it out of [{where}], or out of operator.adjust."
+                yield finding(f'{where}."{path}"', "the operator adjusts this value already.", remedy=remedy)
+
+
 def _missing(resolved: Tree, uses: Iterable[tuple[str, str, bool]]) -> Iterable[str]:
     for where, path, numeric in uses:
-        if numeric and path.split(".")[0] not in SECTIONS:
-            yield finding(where, f"only values of {', '.join(SECTIONS)} can change here.")
+        table = path.split(".")[0]
+        if table not in SECTIONS:
+            yield finding(where, f"nothing of {table!r} can change here{did_you_mean(table, SECTIONS)}")
             continue
         try:
             value = lookup(resolved, path)
@@ -66,7 +87,7 @@ def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
     uses = [
         (f"objectives.{i}.{'metric' if o.metric else 'expression'}", number)
         for i, o in enumerate(spec.objectives)
-        for number in sorted(o.numbers)
+        for number in ([o.metric] if o.metric is not None else sorted(o.numbers))
     ]
     uses += [(f"constraints.{i}.metric", c.metric) for i, c in enumerate(spec.constraints) if c.metric]
     uses += [(f"designs.{n}.published.{m}", m) for n, d in spec.designs.items() for m in d.published]
@@ -74,14 +95,23 @@ def _numbers(spec: StudySpec, base: Design) -> Iterable[str]:
         if name not in numbers:
             yield finding(where, f"no metric yields {name!r}{did_you_mean(name, numbers)}")
     for i, constraint in enumerate(spec.constraints):
-        if constraint.metric in numbers and constraint.level is None:
+        if constraint.metric in numbers:
             number = numbers[constraint.metric][1]
+            what, least, most = number.name, number.low, number.high
+            if constraint.level is not None:
+                what, least, most = "a share", 0.0, 1.0
             low = -float("inf") if constraint.min is None else constraint.min
             high = float("inf") if constraint.max is None else constraint.max
-            if low > number.high or high < number.low:
-                allowed = f"{number.name} lies between {number.low:g} and {number.high:g}."
+            if low > most or high < least:
+                allowed = f"{what} lies between {least:g} and {most:g}."
                 yield finding(f"constraints.{i}", f"nothing can meet {constraint.label}: {allowed}")
     yield from _inequalities(spec)
+    yield from _aggregated(spec)
+    seen: dict[str, int] = {}
+    for i, objective in enumerate(spec.objectives):
+        if (first := seen.setdefault(objective.label, i)) != i:
+            problem = f"is called {objective.label!r}, as objectives.{first} is."
+            yield finding(f"objectives.{i}", problem, remedy='Remove one, or give it another name = "...".')
     published = [n for n, d in spec.designs.items() if d.published]
     if any(o.aggregate == "misfit" for o in spec.objectives) and not published:
         yield finding("objectives", "misfit needs a named design with published values.")
@@ -101,9 +131,30 @@ def _inequalities(spec: StudySpec) -> Iterable[str]:
         for name in sorted(constraint.inequality.names - variables) if constraint.inequality else ():
             value = lookup(spec.defaults, name) if exists(spec.defaults, name) else None
             if isinstance(value, bool) or not isinstance(value, int | float):
-                known = did_you_mean(name, (v for v in variables if v.isidentifier()))
-                problem = f"{name} is neither a variable nor a path that holds a number{known}"
-                yield finding(where, problem, value=constraint.expression)
+                yield finding(where, _unreadable(spec, name, variables), value=constraint.expression)
+
+
+def _unreadable(spec: StudySpec, name: str, variables: Iterable[str]) -> str:
+    """Why an inequality cannot read a name."""
+    known = did_you_mean(name, (v for v in variables if v.isidentifier()))
+    if name in spec.registry.numbers():
+        return f'{name} is a metric, not a parameter: write metric = "{name}" with min or max instead.'
+    if name.split(".")[0] in SECTIONS and "." in name:
+        try:
+            known = f", but {lookup(spec.defaults, name)!r}."
+        except SpecError as error:
+            known = f": {error.findings[0].partition(': ')[2]}"
+        return f"{name} holds no number{known}"
+    return f"{name} is neither a variable nor a path that holds a number{known}"
+
+
+def _aggregated(spec: StudySpec) -> Iterable[str]:
+    """What aggregates over scenarios needs some."""
+    for table in ("objectives", "constraints"):
+        for i, what in enumerate(getattr(spec, table)):
+            if what.over == "scenarios" and not spec.tree.get("scenarios"):
+                remedy = 'Add [scenarios] with "dexterity.K" = [50, 12270], say.'
+                yield finding(f"{table}.{i}.over", "the study has no scenarios.", value="scenarios", remedy=remedy)
 
 
 def _sampler(spec: StudySpec, base: Design) -> Iterable[str]:
@@ -123,6 +174,7 @@ def _variants(spec: StudySpec) -> Iterable[str]:
         corner = {name: getattr(r, end) for name, r in spec.ranges.items()}
         try:
             variants.append((f"search, every variable at its {end} end", spec.overrides(corner)))
+            spec.inequalities(variants[-1][1], corner)
         except SpecError as error:
             yield from error.findings
     for where, overrides in variants:

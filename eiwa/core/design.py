@@ -94,7 +94,7 @@ class Design:
         )
 
 
-_PLUGGED = ("arm", "dexterity", "human", "voxels")
+PLUGGED = ("arm", "dexterity", "human", "voxels")
 _humans: dict[str, HumanModel] = {}
 
 
@@ -174,7 +174,7 @@ def _section(
     own = OWN.get(section)
     if section in DEFAULT_KINDS:
         table = {"kind": DEFAULT_KINDS[section], **table}
-    if section not in _PLUGGED:
+    if section not in PLUGGED:
         assert own is not None
         tables[section] = validated(own, table, section)
         return

@@ -64,12 +64,16 @@ class Expression:
         try:
             result = self._value(self._root, values)
         except OverflowError:
-            raise SpecError(finding(self.path, f"is too large with {dict(values)}.", value=self.text)) from None
+            raise self._without_value("is too large", values) from None
         except (ArithmeticError, RecursionError) as error:
-            raise SpecError(finding(self.path, f"{error} with {dict(values)}.", value=self.text)) from None
+            raise self._without_value(str(error), values) from None
         if not math.isfinite(result):
-            raise SpecError(finding(self.path, f"is not a finite number with {dict(values)}.", value=self.text))
+            raise self._without_value("is not a finite number", values)
         return result
+
+    def _without_value(self, problem: str, values: Mapping[str, float]) -> SpecError:
+        read = ", ".join(f"{name} = {values[name]:.6g}" for name in sorted(self.names) if name in values)
+        return SpecError(finding(self.path, problem + (f" with {read}." if read else "."), value=self.text))
 
     def _value(self, node: ast.expr, values: Mapping[str, float]) -> float:
         if isinstance(node, ast.BinOp):

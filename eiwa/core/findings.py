@@ -79,6 +79,8 @@ def _problem(item: Any) -> str:
         bound = item["ctx"].get("min_length", item["ctx"].get("max_length"))
         return f"must have {'at least' if item['type'] == 'too_short' else 'at most'} {bound} items"
     if item["type"] == "string_pattern_mismatch":
+        if not item["ctx"]["pattern"].startswith("^[A-Za-z0-9]"):
+            return "is not of the form that is needed"
         return "may hold letters, digits, '_' and '-' ('.' too in a study's name), and begins with a letter or digit"
     if item["type"] == "model_type":
         return "must be a table"

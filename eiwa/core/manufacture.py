@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import sqrt
+from math import isfinite, sqrt
 from typing import Any, Self
 
 import numpy as np
@@ -63,8 +63,8 @@ def catalogue(table: Mapping[str, Any]) -> dict[str, list[float]]:
     for path, values in table.items():
         refuse_unquoted("catalogue", path, values)
         numbers = isinstance(values, list) and all(isinstance(v, int | float) and type(v) is not bool for v in values)
-        if not (numbers and values) or len(set(values)) < len(values):
-            problem = "must be a list of different numbers."
+        if not (numbers and values and all(map(isfinite, values))) or len(set(values)) < len(values):
+            problem = "must be a list of different, finite numbers."
             remedy = f'Write "{path}" = [0.15, 0.18, 0.20].'
             raise SpecError(finding(f'catalogue."{path}"', problem, value=values, remedy=remedy))
         found[path] = sorted(map(float, values))

@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from eiwa.core.datafile import rebased
-from eiwa.core.design import SECTIONS
+from eiwa.core.design import PLUGGED, SECTIONS
 from eiwa.core.errors import SpecError, finding
 from eiwa.core.findings import validated
 from eiwa.core.registry import Registry
@@ -64,6 +64,8 @@ def refuse_unquoted(table: str, path: str, value: Any) -> None:
         whole, inner = next(iter(leaves(value, path)))
         shown = inner if isinstance(inner, int | float) else repr(inner)
         remedy = f'Quote the whole path: "{whole}" = {shown}.'
+        if path in PLUGGED:
+            remedy += f" Or write the whole table, with its kind: {path} = {{ kind = ... }}."
         raise SpecError(finding(f"{table}.{path}", "values stand at quoted paths here.", remedy=remedy))
 
 

@@ -16,8 +16,8 @@ from eiwa.core.errors import PluginError, SpecError, blaming, finding, name_of
 from eiwa.core.evaluation import Measurement, Setup, ergonomic_grid, field_stream, measure, metrics
 from eiwa.core.interfaces import ErgonomicField, HumanModel, Operator
 from eiwa.core.memory import require_memory
+from eiwa.core.objectives import Aggregated, ObjectiveSection
 from eiwa.core.scenarios import REFERENCE, Scenario
-from eiwa.core.sections import Aggregated, ObjectiveSection
 from eiwa.core.spec import StudySpec
 from eiwa.core.workspace import Grid
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import Any
 
 from eiwa.core.design import SECTIONS, design
@@ -46,20 +48,34 @@ def scenarios(table: Mapping[str, Any], tree: Tree, defaults: Tree, registry: Re
     named: dict[str, dict[str, Any]] = {"": {}} | {
         n: _named(n, t, registry, tree, defaults) for n, t in table.items() if not _is_path(n)
     }
-    current = {path: lookup(defaults, path) if exists(defaults, path) else None for path in axes}
+    for name, settings in named.items():
+        for path in settings.keys() & axes.keys():
+            remedy = "Take one of them out."
+            raise SpecError(finding(f'scenarios.{name}."{path}"', "[scenarios] lists this path too.", remedy=remedy))
+    if (count := sum(not n or bool(s) for n, s in named.items()) * prod(map(len, axes.values()))) > MOST:
+        raise SpecError(finding("scenarios", f"{count} combinations; at most {MOST} are allowed."))
     found = {REFERENCE.label: REFERENCE}
     for name, settings in named.items():
         if name and not settings:
             found[REFERENCE.label] = Scenario(REFERENCE.label, {}, title=name)
     for name, settings in named.items():
+        current = _values(settings, axes, tree, defaults, registry)
         for combination in product(*axes.values()):
             differing = {p: v for p, v in zip(axes, combination, strict=True) if v != current[p]}
             parts = [name] if settings else []
             label = " ".join([*parts, *(f"{p}={v}" for p, v in differing.items())])
             found.setdefault(label, Scenario(label, {**settings, **differing}))
-    if len(found) > MOST:
-        raise SpecError(finding("scenarios", f"{len(found)} combinations; at most {MOST} are allowed."))
     return list(found.values())
+
+
+def _values(
+    settings: Mapping[str, Any], paths: Iterable[str], tree: Tree, defaults: Tree, registry: Registry
+) -> dict[str, Any]:
+    """What a named scenario by itself has at some paths; None where it has none, which is told of later."""
+    tables, resolved = parted(settings)[0], defaults
+    with suppress(SpecError):
+        resolved = design({**tree, **tables}, registry).resolved() if tables else defaults
+    return {path: lookup(resolved, path) if exists(resolved, path) else None for path in paths}
 
 
 def _is_path(key: str) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from eiwa.core import manufacture, sections
+from eiwa.core import manufacture, objectives, sections
 from eiwa.core.design import DEFAULT_KINDS, OWN, SECTIONS
 from eiwa.core.hookspecs import Plugin
 from eiwa.core.registry import KINDS, Registry
@@ -119,7 +119,7 @@ def _scenarios(registry: Registry, definitions: Schema) -> Schema:
 def _goals(registry: Registry, definitions: Schema) -> Schema:
     """[[objectives]] and [[constraints]], whose metric must be a number that some metric yields."""
     goals: Schema = {}
-    for name, model in (("objectives", sections.ObjectiveSection), ("constraints", sections.ConstraintSection)):
+    for name, model in (("objectives", objectives.ObjectiveSection), ("constraints", objectives.ConstraintSection)):
         item = _own(model, definitions)
         item["properties"]["metric"] = {**item["properties"]["metric"], "enum": sorted(registry.numbers())}
         item["properties"]["metric"].pop("type", None)

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from eiwa.core.aggregates import Aggregate, cvar, mean, share_above
-from eiwa.core.errors import SpecError
-from eiwa.core.expressions import ROUNDING, Expression, Inequality
 from eiwa.core.hookspecs import Parameters, quantity
 from eiwa.core.samplers import SamplerParameter, Tpe
 
@@ -45,7 +41,9 @@ class ExecutionSection(Parameters):
     )
     retries: int = quantity(2, ge=0, le=100, description="Times that a design whose worker died is tried again.")
     storage: str | None = quantity(
-        None, pattern=r"^(sqlite:///.|postgresql)", description="URL of Optuna's storage; without it a journal file."
+        None,
+        pattern=r"^(sqlite:///.|postgresql)",
+        description="URL of Optuna's storage, as postgresql://HOST/DATABASE or sqlite:///FILE; without it a journal file.",
     )
 
     @model_validator(mode="after")
@@ -152,136 +150,11 @@ class RangeSection(Parameters):
             raise ValueError(f"low must be below high, not {self.low} and {self.high}")
         if self.log and (self.low <= 0 or self.step is not None):
             raise ValueError("log needs low > 0 and no step")
+        if self.step is not None and self.step > self.high - self.low:
+            raise ValueError(
+                f"a step of {self.step:g} leads from {self.low:g} beyond {self.high:g}: take a smaller one"
+            )
         return self
-
-
-class Aggregated(Parameters):
-    """A number under one scenario or several."""
-
-    over: Literal["reference", "scenarios", "designs"] = quantity("reference", description="Where it is evaluated.")
-    aggregate: Aggregate | Literal["misfit"] = quantity("mean", description="How several values become one.")
-    tail: float = quantity(0.25, gt=0, le=1, description="For 'cvar': the share of worst scenarios that is averaged.")
-    level: float | None = quantity(None, description="For 'share_above': scenarios count that reach this value.")
-
-    @model_validator(mode="after")
-    def _level_for_shares(self) -> Self:
-        if (self.level is None) == (self.aggregate == "share_above"):
-            raise ValueError("aggregate = 'share_above' and a level go together")
-        if self.over == "reference" and {"aggregate", "tail"} & self.model_fields_set and self.aggregate != "misfit":
-            raise ValueError("an aggregate needs over = 'scenarios'")
-        return self
-
-    def combined(self, values: Sequence[float], *, low_is_bad: bool) -> float:
-        """One number of the values under every scenario."""
-        if self.aggregate == "cvar":
-            return cvar(values, self.tail, low_is_bad=low_is_bad)
-        if self.level is not None:
-            return share_above(values, self.level)
-        return {"min": min, "max": max}.get(self.aggregate, mean)(values)
-
-    def titled(self, what: str) -> str:
-        """Short name for tables."""
-        if self.over == "reference":
-            return what
-        return f"share {what} >= {self.level:g}" if self.level is not None else f"{self.aggregate} {what}"
-
-
-class ObjectiveSection(Aggregated):
-    """What the search optimises: a metric, or an expression of metrics."""
-
-    metric: str | None = quantity(None, description="The number to optimise; none for aggregate = 'misfit'.")
-    expression: str | None = quantity(
-        None, description="Instead of a metric: arithmetic of several, 'F - 0.1 * reach'."
-    )
-    name: str | None = quantity(None, description="What tables call it.")
-    direction: Literal["maximize", "minimize"]
-
-    @model_validator(mode="after")
-    def _misfit_over_designs(self) -> Self:
-        if (self.over == "designs") != (self.aggregate == "misfit"):
-            raise ValueError("over = 'designs' and aggregate = 'misfit' go together")
-        if (self.metric is not None) + (self.expression is not None) + (self.aggregate == "misfit") != 1:
-            raise ValueError("give a metric or an expression (misfit compares the published values and takes neither)")
-        _readable(self.formula)
-        return self
-
-    @property
-    def formula(self) -> Expression | None:
-        """What is evaluated under every scenario; none for a misfit."""
-        text = self.metric or self.expression
-        return Expression("objectives", text) if text else None
-
-    @property
-    def numbers(self) -> frozenset[str]:
-        """Metrics' numbers that it reads."""
-        return self.formula.names if self.formula else frozenset()
-
-    @property
-    def label(self) -> str:
-        """Short name for tables."""
-        if self.name or self.formula is None:
-            return self.name or "misfit"
-        return self.titled(self.metric or self.formula.text)
-
-    def value(self, scenarios: Sequence[Mapping[str, float]]) -> float:
-        """From the numbers under the scenarios that it looks at."""
-        assert self.formula is not None
-        values = [self.formula.evaluate(numbers) for numbers in scenarios]
-        return self.combined(values, low_is_bad=self.direction == "maximize")
-
-
-class ConstraintSection(Aggregated):
-    """Bounds on a metric, or an inequality of parameters, which is told before anything is evaluated."""
-
-    metric: str | None = quantity(None, description="The number that must lie within min and max.")
-    min: float | None = None
-    max: float | None = None
-    expression: str | None = quantity(
-        None, description="Instead: an inequality of variables and paths, 'arm.joints.upper.a <= 2 * reach'."
-    )
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
-        if (self.metric is None) == (self.expression is None):
-            raise ValueError("give a metric with bounds, or an expression")
-        if (self.expression is None) == (self.min is None and self.max is None):
-            raise ValueError("give min, max or both" if self.metric else "an expression has its bounds inside")
-        if self.min is not None and self.max is not None and self.min > self.max:
-            raise ValueError(f"nothing can meet min = {self.min} above max = {self.max}")
-        if self.over == "designs" or self.aggregate == "misfit":
-            raise ValueError("a constraint looks at the reference or at scenarios")
-        if self.expression is not None and self.over != "reference":
-            raise ValueError("an expression of parameters is the same under every scenario")
-        _readable(self.inequality)
-        return self
-
-    @property
-    def inequality(self) -> Inequality | None:
-        """The inequality of parameters."""
-        return Inequality("constraints", self.expression) if self.expression is not None else None
-
-    @property
-    def label(self) -> str:
-        """Short name for tables."""
-        if self.expression is not None:
-            return self.expression
-        low = f"{self.min:g} <= " if self.min is not None else ""
-        high = f" <= {self.max:g}" if self.max is not None else ""
-        return low + self.titled(self.metric or "") + high
-
-    def violation(self, values: Sequence[float]) -> float:
-        """How far outside the bounds the metric lies, <= 0 inside; rounding of 1e-9 is forgiven."""
-        value = self.combined(values, low_is_bad=self.max is None)
-        over = value - self.max if self.max is not None else float("-inf")
-        under = self.min - value if self.min is not None else float("-inf")
-        return max(over, under) - ROUNDING
-
-
-def _readable(text: Expression | Inequality | None) -> None:
-    try:
-        _ = text.names if text else None
-    except SpecError as error:
-        raise ValueError(error.findings[0].partition(": ")[2].rstrip(".")) from None
 
 
 class DesignSection(Parameters):

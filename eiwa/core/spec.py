@@ -19,14 +19,13 @@ from eiwa.core.expressions import Expression, in_order
 from eiwa.core.findings import validated
 from eiwa.core.manufacture import ToleranceSection, catalogue, tolerances
 from eiwa.core.named import named_design, parted, pinned, refuse_unquoted
+from eiwa.core.objectives import ConstraintSection, ObjectiveSection
 from eiwa.core.registry import Registry
 from eiwa.core.samplers import Auto, Chosen, automatic
 from eiwa.core.scenarios import Scenario, scenarios
 from eiwa.core.sections import (
-    ConstraintSection,
     DesignSection,
     ExecutionSection,
-    ObjectiveSection,
     RangeSection,
     StudySection,
 )

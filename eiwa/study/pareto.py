@@ -113,6 +113,10 @@ def pareto(spec: StudySpec, stores: Sequence[Store], chosen: str | None = None) 
     EiwaError
         A goal is not in the rows, a run has other objectives, no trial is feasible, or moocore is missing.
     """
+    folders = [store.folder.resolve() for store in stores]
+    for number, folder in enumerate(folders):
+        if folder in folders[:number]:
+            raise StoreError(f"{stores[number].folder}: is part of the front already. Give every run once.")
     tables = [store.table() for store in stores]
     wanted = goals(spec, chosen, tables[0].column_names)
     runs = []

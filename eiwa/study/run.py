@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
-from eiwa.core.errors import EiwaError, StoreError
+from eiwa.core.errors import EiwaError, SpecError, StoreError
 from eiwa.core.spec import StudySpec, digest
 from eiwa.study.executors import PATIENCE, Executor, executor_of
 from eiwa.study.leaders import LEADERS, leaders, parameters
@@ -148,7 +148,9 @@ class Run:
             self._stop_when_failing()
 
     def _task(self, trial: Asked) -> Task:
-        values = self.spec.overrides(trial.parameters)
+        values: dict[str, float] = {}
+        with suppress(SpecError):  # an expression without a value there: the row finds it again, and says so
+            values = self.spec.overrides(trial.parameters)
         return Task("trial", values, 1, number=trial.number, parameters=trial.parameters)
 
     def _restore_rows(self, executor: Executor, search: Search) -> None:

@@ -212,12 +212,13 @@ def _indices(f_A: Array, f_B: Array, f_AB: Array, resamples: Sequence[Any]) -> S
     if variance <= 1e-24 * max(1.0, float(np.mean(f_A)) ** 2):
         return None
     first, total = [], []
+    pages = np.concatenate([f_AB, f_AB[:1]])  # SciPy fails for one variable alone
     for chosen in resamples:
-        picked = {"f_A": f_A[None, chosen], "f_B": f_B[None, chosen], "f_AB": f_AB[:, None, chosen]}
+        picked = {"f_A": f_A[None, chosen], "f_B": f_B[None, chosen], "f_AB": pages[:, None, chosen]}
         with np.errstate(all="ignore"):  # a resample may hold equal values only
             found = sobol_indices(func=picked, n=len(f_A))
-        first.append(np.atleast_2d(found.first_order)[0])
-        total.append(np.atleast_2d(found.total_order)[0])
+        first.append(found.first_order[:-1])
+        total.append(found.total_order[:-1])
     return Sobol(variance, _with_interval(np.array(first)), _with_interval(np.array(total)))
 
 

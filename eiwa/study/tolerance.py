@@ -67,7 +67,7 @@ class Made:
     invalid: int
     """Draws that are no design: limits that cross, or an arm without dexterity."""
     broken: Mapping[str, int]
-    """Constraint -> draws that break it."""
+    """Constraint -> draws that break it; without inequalities of variables, which say nothing about a made device."""
     any_broken: int
     """Draws that break some constraint, or are invalid."""
     spreads: Sequence[Spread]
@@ -128,7 +128,8 @@ def made(spec: StudySpec, alone: StudySpec, design: Mapping[str, Any], draws: in
         for k in range(len(alone.objectives))
         if middle.objectives[k] is not None
     ]
-    broken = {c.label: sum((o.violations[i] or 0.0) > 0 for o in kept) for i, c in enumerate(alone.constraints)}
+    told_of = [(i, c) for i, c in enumerate(alone.constraints) if middle.violations[i] is not None]
+    broken = {c.label: sum((o.violations[i] or 0.0) > 0 for o in kept) for i, c in told_of}
     unmet = sum(not o.feasible for o in kept)
     return Made(draws, draws - len(valid), broken, draws - len(valid) + unmet, spreads)
 

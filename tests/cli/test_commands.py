@@ -257,11 +257,13 @@ def test_failing_designs_end_with_code_2(cli, tmp_path, monkeypatch):
     assert "RuntimeError: the elbow is stuck" in said.err
     shown = cli("study", "show", path)
     assert shown.code == 0
-    assert "8 of 8 trials failed; the last said: Broken (broken_arm.py) raised RuntimeError: the elbow" in shown.out
+    assert "8 of 8 trials failed; the last said: Broken (broken_arm.py) raised RuntimeError: the elbow" in " ".join(
+        shown.out.split()
+    )
 
 
 def test_a_damaged_part_is_told_by_show(ran, cli, path, tmp_path):
-    (part,) = (tmp_path / "runs/small/trials").glob("part-*.parquet")  # a run gathers its parts
+    part = next((tmp_path / "runs/small/trials").glob("part-*"))  # how many there are depends on the time they took
     part.write_bytes(b"nonsense")
     said = cli("study", "show", path)
     assert said.code == 2

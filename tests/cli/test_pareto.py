@@ -33,6 +33,12 @@ def here(folder, monkeypatch):
     return folder
 
 
+def test_every_line_fits(here, cli):
+    said = cli("study", "pareto", "two.toml")
+    assert all(cell_len(line.rstrip()) <= 80 for line in said.out.splitlines())
+    assert "…" not in said.out
+
+
 def test_the_table(here, cli):
     said = cli("study", "pareto", "two.toml")
     assert said.code == 0, said.err

@@ -152,3 +152,24 @@ def test_names_of_designs_are_not_markup(name, here, cli):
     said = cli("evaluate", path, "--design", name)
     assert said.code == 0, said.err
     assert name in said.out
+
+
+def test_columns_that_find_no_room_follow_below(here, cli):
+    """Several objectives, scenarios and searched values: no word is cut, none is lost."""
+    objectives = "".join(
+        f'[[objectives]]\n{lines}\ndirection = "maximize"\n\n'
+        for lines in (
+            'metric = "F"\nover = "scenarios"\naggregate = "cvar"',
+            'metric = "singletons"',
+            'expression = "F - 0.1 * reach"\nname = "balance"',
+        )
+    )
+    scenarios = "[scenarios]\n" + '"dexterity.K" = [50, 12270]\n"operator.armrest" = [0.0, 0.05, 0.1]\n'
+    path = small.write(here, {small.OBJECTIVE: objectives, "trials = 8": "trials = 0"}, scenarios)
+    assert cli("study", "run", path.name).code == 0
+    for arguments in (("study", "show", path.name), ("evaluate", path.name, "--replicates", "2")):
+        said = cli(*arguments)
+        assert said.code == 0, said.err
+        check(said.out)
+        assert said.out.count("K=50") >= 2
+    assert all(word in cli("study", "show", path.name).out for word in ("published", "cvar F", "balance", "spacing"))

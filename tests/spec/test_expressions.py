@@ -159,7 +159,7 @@ def test_complex_powers_are_refused(text):
 
 
 def test_a_message_tells_the_values():
-    assert "'reach': 0.37" in refused("reach / 0")
+    assert "with reach = 0.37." in refused("reach / 0")
 
 
 def test_names():

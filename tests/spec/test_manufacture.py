@@ -38,7 +38,7 @@ def test_they_change_no_trial():
 WRONG = {
     'tolerance."arm.joints.uper.a"': ('"arm.joints.uper.a" = { normal = 1.0 }', "did you mean 'upper'"),
     'tolerance."arm.convention"': ('"arm.convention" = { normal = 1.0 }', "holds 'modified', not a number"),
-    'tolerance."study.seed"': ('"study.seed" = { normal = 1.0 }', "only values of arm, layout"),
+    'tolerance."study.seed"': ('"study.seed" = { normal = 1.0 }', "nothing of 'study' can change here. Known: arm"),
     'tolerance."layout.spacing".normal = -1': ('"layout.spacing" = { normal = -1 }', "greater than 0"),
     'tolerance."layout.spacing".gauss': ('"layout.spacing" = { gauss = 1.0 }', "unknown key"),
     'tolerance."layout.spacing":': ('"layout.spacing" = {}', "give normal (a standard deviation) or uniform"),
@@ -61,10 +61,10 @@ def test_tolerances_that_cannot_be(where):
     ("line", "where", "said"),
     [
         ('"arm.joints.uper.a" = [0.1]', 'catalogue."arm.joints.uper.a"', "did you mean"),
-        ('"layout.spacing" = []', 'catalogue."layout.spacing" = []', "list of different numbers"),
+        ('"layout.spacing" = []', 'catalogue."layout.spacing" = []', "list of different, finite numbers"),
         ('"layout.spacing" = 0.1', 'catalogue."layout.spacing" = 0.1', '"layout.spacing" = [0.15'),
-        ('"layout.spacing" = [0.1, 0.1]', 'catalogue."layout.spacing"', "list of different numbers"),
-        ('"layout.spacing" = [0.1, true]', 'catalogue."layout.spacing"', "list of different numbers"),
+        ('"layout.spacing" = [0.1, 0.1]', 'catalogue."layout.spacing"', "list of different, finite numbers"),
+        ('"layout.spacing" = [0.1, true]', 'catalogue."layout.spacing"', "list of different, finite numbers"),
         ("layout.spacing = [0.1]", "catalogue.layout", "Quote the whole path"),
     ],
 )

@@ -168,14 +168,14 @@ def test_the_reference_comes_first_and_is_not_repeated():
 
 
 def test_scenarios_are_all_combinations():
-    found = scenarios('[scenarios]\n"dexterity.K" = [12270, 50, 7]\n"layout.spacing" = [0.2, 0.25]\n')
+    found = scenarios('[scenarios]\n"dexterity.K" = [12270, 50, 7]\n"operator.seat" = [0.0, 0.25]\n')
     assert [dict(s.overrides) for s in found] == [
         {},
-        {"layout.spacing": 0.25},
+        {"operator.seat": 0.25},
         {"dexterity.K": 50},
-        {"dexterity.K": 50, "layout.spacing": 0.25},
+        {"dexterity.K": 50, "operator.seat": 0.25},
         {"dexterity.K": 7},
-        {"dexterity.K": 7, "layout.spacing": 0.25},
+        {"dexterity.K": 7, "operator.seat": 0.25},
     ]
 
 

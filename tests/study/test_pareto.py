@@ -218,6 +218,13 @@ def test_runs_with_other_objectives_are_refused(changes, said, spec):
         pareto(spec, [Stored(spec, rows), Stored(other, rows, "runs/b")])
 
 
+def test_a_run_given_twice_is_refused(spec):
+    """Twice the same trials: none would add anything."""
+    rows = [trial(0, 0.2, 0.3)]
+    with pytest.raises(StoreError, match="part of the front already"):
+        pareto(spec, [Stored(spec, rows), Stored(spec, rows)])
+
+
 def test_a_run_whose_named_objective_differs_is_refused():
     named = {small.OBJECTIVE: small.OBJECTIVE[:-1] + 'name = "share"\n\n' + LENGTH}
     spec, other, rows = small.spec(named), small.spec({**named, "maximize": "minimize"}), [trial(0, 0.2, 0.3)]

@@ -438,3 +438,16 @@ def test_threads_in_one_process_give_the_same(tmp_path, monkeypatch):
         monkeypatch.setenv("EIWA_THREADS", threads)
         found.append(small.results(small.run(small.spec(MANY), tmp_path / threads)))
     assert found[0] == found[1] == found[2]
+
+
+def test_an_expression_without_a_value_fails_its_trial_alone(tmp_path, no_work):
+    """Division by zero at one of three values; none of the corners."""
+    changes = {
+        "split = { low = 0.30, high = 0.80 }": "split = { low = 0.30, high = 0.80 }\nodd = { low = 2, high = 4, step = 1 }",
+        '"reach * split"': '"reach * split + 0 / (odd - 3)"',
+    }
+    rows = of_kind(small.run(small.spec(changes), tmp_path), "trial")
+    assert [r["number"] for r in rows] == list(range(8))
+    assert {r["parameters.odd"] for r in rows if r["state"] == "FAIL"} == {3.0}
+    assert {r["parameters.odd"] for r in rows if r["state"] == "COMPLETE"} == {2.0, 4.0}
+    assert all("division by zero" in r["message"] for r in rows if r["state"] == "FAIL")

@@ -234,7 +234,7 @@ def test_what_breaks_an_inequality_is_never_evaluated(tmp_path, monkeypatch):
         ('expression = "reach < 0.3"', "is not an inequality"),
         ('expression = "reach"', "is not an inequality"),
         ('expression = "raech <= 0.3"', "raech is neither a variable nor a path"),
-        ('expression = "arm.kind <= 3"', "arm.kind is neither"),
+        ('expression = "arm.kind <= 3"', "arm.kind holds no number"),
         ('expression = "reach <= 0.3"\nmax = 0.3', "has its bounds inside"),
         ('expression = "reach <= 0.3"\nmetric = "F"', "give a metric with bounds, or an expression"),
         ('expression = "max(reach, 1) <= 0.3"', "not allowed here"),

@@ -62,6 +62,14 @@ def test_an_output_that_does_not_vary_has_no_indices():
     assert found[1] is None
 
 
+def test_one_variable_alone():
+    """All of the variance is its own."""
+    (found,) = sobol(lambda x: x, [(0.0, 1.0)], 1024, seed=1)
+    assert found.variance == pytest.approx(1 / 12, rel=0.05)
+    assert [len(found.first), len(found.total)] == [1, 1]
+    assert (found.first[0].value, found.total[0].value) == pytest.approx((1.0, 1.0), abs=0.05)
+
+
 @pytest.mark.parametrize(("n", "cost"), [(0, 0), (1, 5), (64, 320)])
 def test_the_cost_of_sobol_indices(n, cost):
     assert sensitivity.cost_of_sobol(small.spec(), n) == cost

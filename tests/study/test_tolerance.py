@@ -71,6 +71,12 @@ def test_devices_that_break_a_constraint_are_counted(line):
     assert found.any_broken == pytest.approx(512, abs=4 * 16)
 
 
+def test_inequalities_of_variables_say_nothing_about_a_device():
+    """A device has lengths, no variables: such a constraint is not said to be met by every device."""
+    spec = small.spec(extra=TOLERANCE + "[[constraints]]\nexpression = 'reach <= 0.30'\n")
+    assert list(made(spec, 2).broken) == ["reach <= 0.4"]
+
+
 def test_draws_that_are_no_design_are_counted(monkeypatch):
     """An error of 60 degrees turns some limits round."""
     extra = '[tolerance]\n"arm.joints.waist.limits.1" = { normal = 200.0 }\n'
