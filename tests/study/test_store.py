@@ -339,6 +339,18 @@ def test_a_larger_disk_is_enough(disk, tmp_path, no_work):
     assert small.results(small.run(spec, disk)) == small.results(small.run(spec, tmp_path / "clean"))
 
 
+@pytest.mark.parametrize("trials", [0, 4])
+def test_a_disk_that_has_become_read_only(disk, tmp_path, no_work, trials):
+    """Before a study or in its midst; writable again, the study completes to what a clean run gives."""
+    if trials:
+        small.run(small.spec({"trials = 8": f"trials = {trials}"}), disk)
+    assert mounted(disk, "remount", "ro")
+    message = refused(small.run, small.spec(), disk)
+    assert "Read-only file system. Make it writable, or choose another --runs folder" in message
+    assert mounted(disk, "remount", "rw")
+    assert small.results(small.run(small.spec(), disk)) == small.results(small.run(small.spec(), tmp_path / "clean"))
+
+
 @pytest.mark.parametrize("left", [0, 1, 2])
 def test_a_disk_that_is_full_from_the_start(disk, no_work, left):
     fill(disk, left)
