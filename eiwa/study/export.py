@@ -22,7 +22,6 @@ from eiwa.study import journal
 from eiwa.study.leaders import parameters
 from eiwa.study.rows import Row
 from eiwa.study.sampler import distributions
-from eiwa.study.search import metric_names
 from eiwa.study.store import Store, write_atomically
 
 STATES = {"COMPLETE": TrialState.COMPLETE, "FAIL": TrialState.FAIL, "SKIPPED": TrialState.PRUNED}
@@ -98,7 +97,7 @@ def _to_optuna(spec: StudySpec, rows: Sequence[Row], storage: Any, target: str) 
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         directions = [o.direction for o in spec.objectives]
         study = optuna.create_study(storage=storage, study_name=spec.study.name, directions=directions)
-        study.set_metric_names(metric_names(spec))
+        study.set_metric_names([o.label for o in spec.objectives])
     study.set_user_attr("constraints", [c.label for c in spec.constraints])
     study.set_user_attr("spec_hash", spec.hash)
     study.set_user_attr("study", json.loads(json.dumps(spec.resolved, default=str)))

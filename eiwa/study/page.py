@@ -28,7 +28,6 @@ from eiwa.study.front import nondominated
 from eiwa.study.rows import Row
 from eiwa.study.run import parameters
 from eiwa.study.sampler import distributions
-from eiwa.study.search import metric_names
 from eiwa.study.store import Store
 
 STUDY = 0
@@ -135,7 +134,7 @@ class Page(BaseStorage):
 
     def _said(self, description: Description) -> dict[str, Any]:
         """A description in the study's system attributes, under the names that optuna-dashboard knows."""
-        said: dict[str, Any] = {"study:metric_names": metric_names(self._spec) or ["no objective"]}
+        said: dict[str, Any] = {"study:metric_names": [o.label for o in self._spec.objectives] or ["no objective"]}
         for of, text in {"": description.note, **{f"{n}:": t for n, t in description.notes.items()}}.items():
             said |= {f"dashboard:{of}note_ver": 1, f"dashboard:{of}note_str:0": text}
         for name, figure in description.figures.items():

@@ -91,7 +91,7 @@ class Search:
             if key not in study.user_attrs:
                 study.set_user_attr(key, value)
         if study.metric_names is None:
-            study.set_metric_names(metric_names(self._spec))
+            study.set_metric_names([o.label for o in self._spec.objectives])
         return study
 
     def _rebuild(self) -> None:
@@ -168,9 +168,3 @@ class Worst:
                 self._values = [w(v) for w, *v in zip(self._worse, values, self._values or values, strict=True)]
         self._next = max(self._next, end)
         return self._values or [0.0] * len(self._worse)
-
-
-def metric_names(spec: StudySpec) -> list[str]:
-    """Optuna's names of the objectives: their labels, told apart."""
-    labels = [o.label for o in spec.objectives]
-    return [f"{name} ({i})" if labels.count(name) > 1 else name for i, name in enumerate(labels)]

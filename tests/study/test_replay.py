@@ -84,7 +84,7 @@ def test_a_changed_study_file_is_replaced_by_the_stored_one(here, cli):  # noqa:
     path.write_text(path.read_text().replace("size = 0.05", "size = 0.04"))
     said = cli("study", "replay", "small.toml", "optimum")
     assert (said.code, said.out.splitlines()[-1]) == (0, "identical")
-    assert "replayed with the study that is stored with the row" in said.out
+    assert "replayed with the study that is stored with the row" in " ".join(said.out.split())
     assert json.loads(cli("study", "replay", "small.toml", "optimum", "--json").out)["source"] == "stored"
 
 

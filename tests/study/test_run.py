@@ -197,12 +197,6 @@ def test_optunas_best_trials_are_feasible(tmp_path):
     assert of_kind(store, "leader")[0]["number"] == best
 
 
-def test_two_objectives_of_one_name(tmp_path, no_work):
-    """Optuna wants its names to differ."""
-    store = small.run(small.spec({small.OBJECTIVE: small.OBJECTIVE * 2}), tmp_path)
-    assert all(r["objectives.0"] == r["objectives.1"] for r in of_kind(store, "trial"))
-
-
 # Scenarios
 
 
