@@ -297,7 +297,7 @@ def _by_arrays(
         rows, room = np.empty((dof, n)), np.empty((2, n), np.int32)
         propose(rows.ravel(), n, dof, n, first, key, occupied, parents)
         u[:] = rows
-        x, y, z, *raw = family.rows(np.ascontiguousarray(u.T), dtype)
+        x, y, z, *raw = family.rows(u.T, dtype)
         raws[:] = raw
         for t, affine in enumerate(affines):
             to_slots(x, y, z, raws[0], affine, layout[t], slots, room[0], room[1], out[t])

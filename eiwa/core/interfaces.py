@@ -200,7 +200,7 @@ class TracedIndex(DexterityIndex):
             return [self.columns(ArmColumns(u, q, tip, rotation, jacobian, postures.limited), p)]
 
         structure = None if self.structure is None else (self.structure, postures.limited)
-        function = compiled_map((type(self), structure, "values"), formula, widths, len(prepared))
+        function = compiled_map((type(self), structure, "values"), formula, widths, len(prepared), by_rows=True)
         rotations, jacobians = postures.rotations.reshape(n, 9), postures.jacobians.reshape(n, 6 * dof)
         return function(postures.u, postures.q, postures.tips, rotations, jacobians, prepared)[:, 0]
 
@@ -295,11 +295,12 @@ def compiled_map(
     parameters: int,
     dtype: Any = float,
     outputs: tuple[int, ...] = (),
+    by_rows: bool = False,
 ) -> Map:
     """The compiled map of a function, kept while its structure is known (no None in the key)."""
     full = (*key, inputs, parameters, np.dtype(dtype))
     if full not in _maps or None in key:
-        made = Map(function, inputs, parameters, dtype, outputs=outputs)
+        made = Map(function, inputs, parameters, dtype, outputs=outputs, by_rows=by_rows)
         if None in key:
             return made
         _maps[full] = made

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from eiwa.core import compiled as compiled_module
 from eiwa.core.sampling import BLOCK
-from eiwa.core.symbols import Column, Symbol, Tape
+from eiwa.core.symbols import Column, Symbol, Tape, empty_rows, rows_of
 
 log = logging.getLogger(__name__)
 
@@ -224,26 +224,35 @@ def compile_now(module: ModuleType, call: Callable[[], Any]) -> None:
     log.info("kernel %s ready in %.2f s", module.__name__, time.perf_counter() - start)
 
 
-def _map_source(source: str, inputs: Sequence[int], outputs: Sequence[int], stride: int) -> str:
-    """Source of ``run``, which takes every block of samples from the input arrays through ``block``, row by row."""
+def _map_source(source: str, inputs: Sequence[int], outputs: Sequence[int], stride: int, by_rows: bool) -> str:
+    """Source of ``run``, which takes samples ``begin ... end - 1`` from input to output arrays through ``block``.
+
+    Outputs are handed over with a column per row; inputs too, unless a sample per row (``by_rows``).
+    """
     x, y = ([f"{name}{k}" for k in range(len(widths))] for name, widths in (("x", inputs), ("y", outputs)))
-    lines = ["", "@compiled", f"def run({', '.join(x)}, p, {', '.join(y)}, w):", f"    n = {y[0]}.shape[0]"]
-    lines += [f"    for start in range(0, n, {BLOCK}):", f"        count = min({BLOCK}, n - start)"]
-    lines += ["        for s in range(count):"]
-    row, read, written = 0, [], []
-    for name, width in zip(x, inputs, strict=True):
-        used = [j for j in range(width) if f"w[s + {(row + j) * stride}]\n" in source]
-        read += [f"            w[{(row + j) * stride} + s] = {name}[start + s, {j}]" for j in used]
-        row += width
-    for name, width in zip(y, outputs, strict=True):
-        written += [f"            {name}[start + s, {j}] = w[{(row + j) * stride} + s]" for j in range(width)]
-        row += width
-    lines += [*(read or ["            pass"]), "        block(w, p)", "        for s in range(count):", *written, ""]
-    return "\n".join(lines)
+    lines = ["", "@compiled", f"def run(begin, end, p, w, {', '.join((*x, *y))}):"]
+    lines += [f"    {name} = {name}[begin:end]" for name in x if by_rows]
+    lines += [f"    for start in range(0, end - begin, {BLOCK}):", f"        count = min({BLOCK}, end - begin - start)"]
+    lines += ["        first = np.uint64(begin + start)"]  # unsigned: no look for places counted from the end
+    loop = "        for s in range(count):"
+    row, read, written = 0, [loop, "            pass"] if by_rows else [], []
+    for name, width in zip((*x, *y), (*inputs, *outputs), strict=True):
+        for j in range(width):
+            here, sample = f"w[{row * stride} + s]", "first + np.uint64(s)"
+            if name in y:
+                written += [loop, f"            {name}[{j}, {sample}] = {here}"]
+            elif f"w[s + {row * stride}]\n" in source:
+                there = f"{name}[start + s, {j}]" if by_rows else f"{name}[{j}, {sample}]"
+                read += [] if by_rows else [loop]
+                read += [f"            {here} = {there}"]
+            row += 1
+    return "\n".join([*lines, *read, "        block(w, p)", *written, ""])
 
 
 class Map:
-    """A traced function compiled for arrays: (n, inputs) -> (n, outputs).
+    """A traced function compiled for arrays: (n, inputs) -> (n, outputs), outputs with contiguous columns.
+
+    Inputs cost least with contiguous columns too, or, ``by_rows``, with contiguous rows.
 
     ``inputs`` and ``outputs`` may be several widths: the columns are then read from and written into as many arrays.
     ``extra`` is source that may call ``block`` too (a flow); it is compiled into the same module.
@@ -260,12 +269,15 @@ class Map:
         extra: str = "",
         components: Sequence[ModuleType] = (),
         outputs: Sequence[int] = (),
+        by_rows: bool = False,
     ) -> None:
-        self.dtype = np.dtype(dtype)
+        self.dtype, self.by_rows = np.dtype(dtype), by_rows
         widths = [inputs] if isinstance(inputs, int) else list(inputs)
         source, columns = trace_block(function, sum(widths), parameters, self.dtype)
         self.outputs = list(outputs) or [columns]
-        run = _map_source(source, widths, self.outputs, STRIDE[self.dtype])
+        rows = [f"w[s + {row * STRIDE[self.dtype]}]\n" in source for row in range(sum(widths))]
+        self.read = [any(rows[sum(widths[:k]) :][:width]) for k, width in enumerate(widths)]
+        run = _map_source(source, widths, self.outputs, STRIDE[self.dtype], by_rows)
         self.module = load_source(source + run + extra, components)
         self.rows = sum(widths) + columns
         empty = [np.zeros((1, width), self.dtype) for width in widths]
@@ -279,13 +291,14 @@ class Map:
     def parts(self, *arguments: NDArray[Any]) -> list[NDArray[Any]]:
         """The same for several output arrays."""
         *inputs, parameters = arguments
-        x = [np.ascontiguousarray(array, self.dtype) for array in inputs]
-        y = [np.empty((len(x[0]), width), self.dtype) for width in self.outputs]
+        n = len(inputs[0])
+        x = [np.asarray(a if read else a[:0], self.dtype) for a, read in zip(inputs, self.read, strict=True)]
+        y = [empty_rows(n, width, self.dtype) for width in self.outputs]
+        arrays = [*map(np.ascontiguousarray if self.by_rows else rows_of, x), *y]
 
         def work(start: int) -> None:
-            rows = slice(start, start + self.CHUNK)
             w = scratch(self.rows, self.dtype)
-            self.module.run(*(array[rows] for array in x), parameters, *(array[rows] for array in y), w)
+            self.module.run(start, min(start + self.CHUNK, n), parameters, w, *arrays)
 
-        on_all_threads(work, range(0, len(x[0]), self.CHUNK))
-        return y
+        on_all_threads(work, range(0, n, self.CHUNK))
+        return [rows[:, :n].T for rows in y]

@@ -315,6 +315,23 @@ def polynomial(x: Column, coefficients: Sequence[float]) -> Column:
     return total
 
 
+def empty_rows(n: int, width: int, dtype: Any = np.float64) -> NDArray[Any]:
+    """Rows for ``width`` columns of n entries, an odd number of cache lines apart, so that they share no cache sets."""
+    line = 64 // np.dtype(dtype).itemsize
+    return np.empty((width, (-(-n // line) | 1) * line), dtype)
+
+
+def rows_of(array: NDArray[Any]) -> NDArray[Any]:
+    """The columns of an (n, width) array as contiguous rows, shape (width, n or more); what lies behind n is not its own."""
+    (n, width), step = array.shape, array.itemsize
+    if array.strides[0] == step and array.strides[1] % step == 0 and array.strides[1] >= n * step:
+        length = array.strides[1]
+        return np.lib.stride_tricks.as_strided(array, (width, length // step), (length, step))
+    rows = empty_rows(n, width, array.dtype)
+    rows[:, :n] = array.T
+    return rows
+
+
 def as_columns(array: NDArray[np.floating[Any]]) -> list[Column]:
     """The columns of an (n, k) array."""
     return list(np.ascontiguousarray(array.T))
