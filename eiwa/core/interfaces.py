@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.kernel import Map
+from eiwa.core.kernel import SHORT, Map
+from eiwa.core.sampling import ARRAY_BLOCK
 from eiwa.core.symbols import Column, where
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ class TracedArm(Arm):
     def _map(self) -> Map:
         outputs = (self.dof, 3, 9, 6 * self.dof, 1)
         key = (type(self), self.structure, "postures")
-        return compiled_map(key, self._flat, self.dof, len(self.constants), outputs=outputs)
+        return compiled_map(key, self._flat, self.dof, len(self.constants), outputs=outputs, samples=ARRAY_BLOCK)
 
     def _flat(self, u: Sequence[Column], p: Sequence[Column]) -> list[Column]:
         arm = self.columns(u, p)
@@ -200,7 +201,7 @@ class TracedIndex(DexterityIndex):
             return [self.columns(ArmColumns(u, q, tip, rotation, jacobian, postures.limited), p)]
 
         structure = None if self.structure is None else (self.structure, postures.limited)
-        function = compiled_map((type(self), structure, "values"), formula, widths, len(prepared), by_rows=True)
+        function = compiled_map((type(self), structure, "values"), formula, widths, len(prepared))
         rotations, jacobians = postures.rotations.reshape(n, 9), postures.jacobians.reshape(n, 6 * dof)
         return function(postures.u, postures.q, postures.tips, rotations, jacobians, prepared)[:, 0]
 
@@ -295,12 +296,12 @@ def compiled_map(
     parameters: int,
     dtype: Any = float,
     outputs: tuple[int, ...] = (),
-    by_rows: bool = False,
+    samples: int = SHORT,
 ) -> Map:
     """The compiled map of a function, kept while its structure is known (no None in the key)."""
     full = (*key, inputs, parameters, np.dtype(dtype))
     if full not in _maps or None in key:
-        made = Map(function, inputs, parameters, dtype, outputs=outputs, by_rows=by_rows)
+        made = Map(function, inputs, parameters, dtype, outputs=outputs, samples=samples)
         if None in key:
             return made
         _maps[full] = made

@@ -20,6 +20,8 @@ from eiwa.core.symbols import empty_rows
 
 BLOCK = 256
 """Samples a compiled block holds."""
+ARRAY_BLOCK = 1 << 13
+"""Samples in the arrays that plugins in plain NumPy get."""
 MAX_DIMENSIONS = 12
 GAMMA = 0x9E3779B97F4A7C15
 

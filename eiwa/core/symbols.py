@@ -315,21 +315,15 @@ def polynomial(x: Column, coefficients: Sequence[float]) -> Column:
     return total
 
 
+def stride(samples: int, dtype: Any = np.float64) -> int:
+    """Distance of two rows of so many samples, an odd number of cache lines, so that rows do not share cache sets."""
+    line = 64 // int(np.dtype(dtype).itemsize)
+    return (-(-samples // line) | 1) * line
+
+
 def empty_rows(n: int, width: int, dtype: Any = np.float64) -> NDArray[Any]:
-    """Rows for ``width`` columns of n entries, an odd number of cache lines apart, so that they share no cache sets."""
-    line = 64 // np.dtype(dtype).itemsize
-    return np.empty((width, (-(-n // line) | 1) * line), dtype)
-
-
-def rows_of(array: NDArray[Any]) -> NDArray[Any]:
-    """The columns of an (n, width) array as contiguous rows, shape (width, n or more); what lies behind n is not its own."""
-    (n, width), step = array.shape, array.itemsize
-    if array.strides[0] == step and array.strides[1] % step == 0 and array.strides[1] >= n * step:
-        length = array.strides[1]
-        return np.lib.stride_tricks.as_strided(array, (width, length // step), (length, step))
-    rows = empty_rows(n, width, array.dtype)
-    rows[:, :n] = array.T
-    return rows
+    """Rows for ``width`` columns of n entries, a :func:`stride` long."""
+    return np.empty((width, stride(n, dtype)), dtype)
 
 
 def as_columns(array: NDArray[np.floating[Any]]) -> list[Column]:
