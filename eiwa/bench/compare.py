@@ -14,13 +14,13 @@ from eiwa.bench.cases import CASES, PRECISIONS, VOXEL, Case, Missing
 from eiwa.bench.comparators import COMPARATORS, Foreign, kinematics, penalty, stacked
 from eiwa.bench.measure import Contender, Record, Tell, keys, visit
 from eiwa.core.dexterity import Family
-from eiwa.core.filling import ARRAY_BLOCK, CHUNK, Filled, Sampling, fill
+from eiwa.core.filling import CHUNK, Filled, Sampling, fill
 from eiwa.core.interfaces import NOTHING, Arm, DexterityIndex, Postures
 from eiwa.core.kernel import on_all_threads, thread_count
-from eiwa.core.sampling import Stream
+from eiwa.core.sampling import ARRAY_BLOCK, Stream
 
 SAMPLES = 1 << 20
-CHECKED = ARRAY_BLOCK
+CHECKED = 1 << 12
 """Postures at which a comparator must agree with eiwa before it is timed."""
 TIP_TOLERANCE = {"f64": 1e-9, "f32": 1e-5}
 DEXTERITY_TOLERANCE = {"f64": 1e-9, "f32": 1e-3}

@@ -24,8 +24,9 @@ from eiwa.core.compiled import compiled, float64_from_bits, select
 from eiwa.core.dexterity import Family
 from eiwa.core.filling import Filled, Sampling
 from eiwa.core.interfaces import Array
-from eiwa.core.kernel import STRIDE, on_all_threads, scratch, thread_count
+from eiwa.core.kernel import on_all_threads, scratch, thread_count
 from eiwa.core.sampling import BLOCK, Stream
+from eiwa.core.symbols import stride
 from eiwa.core.workspace import Target, packed
 
 FIRST = 1 << 17
@@ -297,7 +298,7 @@ def _by_arrays(
         rows, room = np.empty((dof, n)), np.empty((2, n), np.int32)
         propose(rows.ravel(), n, dof, n, first, key, occupied, parents)
         u[:] = rows
-        x, y, z, *raw = family.rows(np.ascontiguousarray(u.T), dtype)
+        x, y, z, *raw = family.rows(u.T, dtype)
         raws[:] = raw
         for t, affine in enumerate(affines):
             to_slots(x, y, z, raws[0], affine, layout[t], slots, room[0], room[1], out[t])
@@ -314,12 +315,12 @@ def _fused(
     dtype: np.dtype[Any],
 ) -> Callable[..., None]:
     """The same as one kernel."""
-    source = _EXPLORE.format(block=BLOCK, stride=STRIDE[dtype], dof=family.arm.dof, members=len(family.members))
+    source = _EXPLORE.format(block=BLOCK, stride=stride(BLOCK, dtype), dof=family.arm.dof, members=len(family.members))
     kernel = family.kernel(dtype, source, (sampling, workspace, _this_module()))
     constants, key = family.constants, np.uint64(stream.key)
 
     def evaluate(first: int, occupied: Any, parents: Any, u: Any, out: Any, raws: Any) -> None:
-        w, room = scratch(kernel.rows, dtype), np.empty((2, BLOCK), np.int32)
+        w, room = scratch(kernel.size, dtype), np.empty((2, BLOCK), np.int32)
         kernel.module.explore(first, key, occupied, parents, constants, w, affines, layout, slots, *room, u, out, raws)
 
     return evaluate

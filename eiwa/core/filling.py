@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from eiwa.core import reuse, sampling, workspace
 from eiwa.core.dexterity import Family
 from eiwa.core.interfaces import Array, VoxelBackend
-from eiwa.core.kernel import STRIDE, on_all_threads, scratch, thread_count
-from eiwa.core.sampling import BLOCK, FILLS, Stream
+from eiwa.core.kernel import on_all_threads, scratch, thread_count
+from eiwa.core.sampling import ARRAY_BLOCK, BLOCK, FILLS, Stream
+from eiwa.core.symbols import stride
 from eiwa.core.workspace import Target, packed
 
 CHUNK = 1 << 15
-ARRAY_BLOCK = 1 << 12
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def fused_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend,
         deposit=deposit.__name__,
         fill=fill_function.__name__,
         block=BLOCK,
-        stride=STRIDE[dtype],
+        stride=stride(BLOCK, dtype),
         dof=dof,
         members=len(family.members),
     )
@@ -204,7 +204,7 @@ def fused_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend,
     total = np.int32(sum(t.grid.cells for t in targets))
 
     def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
-        w, cells, picks = scratch(kernel.rows, dtype), np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
+        w, cells, picks = scratch(kernel.size, dtype), np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
         values = np.empty(BLOCK, dtype)
         kernel.module.flow(
             first, last, *arguments, w, scales, thresholds, affines, layout, total, cells, picks, values, record, store

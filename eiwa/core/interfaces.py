@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.kernel import Map
+from eiwa.core.kernel import SHORT, Map
+from eiwa.core.sampling import ARRAY_BLOCK
 from eiwa.core.symbols import Column, where
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ class TracedArm(Arm):
     def _map(self) -> Map:
         outputs = (self.dof, 3, 9, 6 * self.dof, 1)
         key = (type(self), self.structure, "postures")
-        return compiled_map(key, self._flat, self.dof, len(self.constants), outputs=outputs)
+        return compiled_map(key, self._flat, self.dof, len(self.constants), outputs=outputs, samples=ARRAY_BLOCK)
 
     def _flat(self, u: Sequence[Column], p: Sequence[Column]) -> list[Column]:
         arm = self.columns(u, p)
@@ -295,11 +296,12 @@ def compiled_map(
     parameters: int,
     dtype: Any = float,
     outputs: tuple[int, ...] = (),
+    samples: int = SHORT,
 ) -> Map:
     """The compiled map of a function, kept while its structure is known (no None in the key)."""
     full = (*key, inputs, parameters, np.dtype(dtype))
     if full not in _maps or None in key:
-        made = Map(function, inputs, parameters, dtype, outputs=outputs)
+        made = Map(function, inputs, parameters, dtype, outputs=outputs, samples=samples)
         if None in key:
             return made
         _maps[full] = made

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -29,15 +30,24 @@ from numpy.typing import NDArray
 
 from eiwa.core import compiled as compiled_module
 from eiwa.core.sampling import BLOCK
-from eiwa.core.symbols import Column, Symbol, Tape
+from eiwa.core.symbols import Column, Symbol, Tape, empty_rows, stride
 
 log = logging.getLogger(__name__)
 
 Traceable = Callable[[list[Column], list[Column]], Sequence[Column]]
 """A function of input columns and parameters (scalars of the design) to output columns."""
 
-STRIDE = {np.dtype(np.float64): BLOCK + 8, np.dtype(np.float32): BLOCK + 16}
-"""Distance of two rows: one cache line more than the block, so that rows do not share cache sets."""
+
+SHORT = 1 << 10
+"""Samples that a map takes at once unless told, so that its rows stay in the processor's cache."""
+
+
+def aligned(size: int, dtype: Any) -> NDArray[Any]:
+    """A new array that starts at a cache line, with whatever was left in it; shape (size,)."""
+    dtype = np.dtype(dtype)
+    raw = np.empty(size * dtype.itemsize + 64, np.uint8)
+    offset = -raw.__array_interface__["data"][0] % 64
+    return raw[offset : offset + size * dtype.itemsize].view(dtype)
 
 
 def thread_count() -> int:
@@ -81,29 +91,28 @@ def on_all_threads(work: Callable[..., Any], *arguments: Sequence[Any]) -> list[
 _own = threading.local()
 
 
-def scratch(rows: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """This thread's 64-byte aligned scratch of so many block rows, with whatever was left in it."""
-    size = rows * STRIDE[dtype]
+def scratch(size: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The same, but this thread's own, again and again."""
     kept, key = _own.__dict__, dtype.str
     if key not in kept or kept[key].size < size:
-        raw = np.zeros(size * dtype.itemsize + 64, np.uint8)
-        offset = -raw.ctypes.data % 64
-        kept[key] = raw[offset : offset + size * dtype.itemsize].view(dtype)
+        kept[key] = aligned(size, dtype)
     result: NDArray[Any] = kept[key][:size]
     return result
 
 
-def trace_block(function: Traceable, inputs: int, parameters: int, dtype: np.dtype[Any]) -> tuple[str, int]:
+def trace_block(
+    function: Traceable, inputs: int, parameters: int, dtype: np.dtype[Any], samples: int = BLOCK
+) -> tuple[str, int]:
     """Source of ``block(w, p)``, which reads input rows of ``w`` and writes output rows behind them.
 
-    Returns the source and the number of outputs.
+    The rows of ``w`` have room for ``samples``. Returns the source and the number of outputs.
     """
     tape = Tape(single=dtype == np.float32)
     u: list[Column] = [tape.node("input", j) for j in range(inputs)]
     p: list[Column] = [tape.node("parameter", j) for j in range(parameters)]
     outputs = list(function(u, p))
     needed = tape.needed(o.index for o in outputs if isinstance(o, Symbol))
-    stride = STRIDE[dtype]
+    step = stride(samples, dtype)
     literal = "np.float32({!r})" if tape.single else "{!r}"
     before: list[str] = []
     body: list[str] = []
@@ -114,12 +123,12 @@ def trace_block(function: Traceable, inputs: int, parameters: int, dtype: np.dty
         elif operation == "parameter":
             before.append(f"t{index} = {'np.float32' if tape.single else ''}(p[{operands[0]}])")
         elif operation == "input":
-            body.append(f"t{index} = w[s + {operands[0] * stride}]")
+            body.append(f"t{index} = w[s + {operands[0] * step}]")
         else:
             body.append(f"t{index} = {_TEMPLATES[operation].format(*(f't{o}' for o in operands))}")
     for k, output in enumerate(outputs):
         value = f"t{output.index}" if isinstance(output, Symbol) else literal.format(float(output))
-        body.append(f"w[s + {(inputs + k) * stride}] = {value}")
+        body.append(f"w[s + {(inputs + k) * step}] = {value}")
     lines = ["@compiled", "def block(w, p):"]
     lines += [f"    {line}" for line in before]
     lines += [f"    for s in range({BLOCK}):"]
@@ -224,32 +233,29 @@ def compile_now(module: ModuleType, call: Callable[[], Any]) -> None:
     log.info("kernel %s ready in %.2f s", module.__name__, time.perf_counter() - start)
 
 
-def _map_source(source: str, inputs: Sequence[int], outputs: Sequence[int], stride: int) -> str:
-    """Source of ``run``, which takes every block of samples from the input arrays through ``block``, row by row."""
-    x, y = ([f"{name}{k}" for k in range(len(widths))] for name, widths in (("x", inputs), ("y", outputs)))
-    lines = ["", "@compiled", f"def run({', '.join(x)}, p, {', '.join(y)}, w):", f"    n = {y[0]}.shape[0]"]
-    lines += [f"    for start in range(0, n, {BLOCK}):", f"        count = min({BLOCK}, n - start)"]
-    lines += ["        for s in range(count):"]
-    row, read, written = 0, [], []
-    for name, width in zip(x, inputs, strict=True):
-        used = [j for j in range(width) if f"w[s + {(row + j) * stride}]\n" in source]
-        read += [f"            w[{(row + j) * stride} + s] = {name}[start + s, {j}]" for j in used]
-        row += width
-    for name, width in zip(y, outputs, strict=True):
-        written += [f"            {name}[start + s, {j}] = w[{(row + j) * stride} + s]" for j in range(width)]
-        row += width
-    lines += [*(read or ["            pass"]), "        block(w, p)", "        for s in range(count):", *written, ""]
-    return "\n".join(lines)
+_RUN = """
+
+@compiled
+def run(w, p, n):
+    for start in range(0, n, {block}):
+        block(w[start:], p)
+"""
+
+
+@compiled_module.compiled
+def _transpose(array: Any, rows: Any) -> None:
+    for s in range(array.shape[0]):
+        for j in range(array.shape[1]):
+            rows[j, s] = array[s, j]
 
 
 class Map:
-    """A traced function compiled for arrays: (n, inputs) -> (n, outputs).
+    """A traced function compiled for arrays: (n, inputs) -> (n, outputs), outputs with contiguous columns.
 
     ``inputs`` and ``outputs`` may be several widths: the columns are then read from and written into as many arrays.
-    ``extra`` is source that may call ``block`` too (a flow); it is compiled into the same module.
+    Up to ``samples`` at once are computed where they are handed out; of more, the results are copied together.
+    ``extra`` is source that calls ``block`` too (a flow, on blocks of its own); it is compiled into the same module.
     """
-
-    CHUNK = 1 << 14
 
     def __init__(
         self,
@@ -260,16 +266,28 @@ class Map:
         extra: str = "",
         components: Sequence[ModuleType] = (),
         outputs: Sequence[int] = (),
+        samples: int = SHORT,
     ) -> None:
-        self.dtype = np.dtype(dtype)
+        self.dtype, self.samples = np.dtype(dtype), BLOCK if extra else samples
         widths = [inputs] if isinstance(inputs, int) else list(inputs)
-        source, columns = trace_block(function, sum(widths), parameters, self.dtype)
-        self.outputs = list(outputs) or [columns]
-        run = _map_source(source, widths, self.outputs, STRIDE[self.dtype])
-        self.module = load_source(source + run + extra, components)
-        self.rows = sum(widths) + columns
+        source, columns = trace_block(function, sum(widths), parameters, self.dtype, self.samples)
+        ends = np.cumsum([0, *widths, *(outputs or [columns])]).tolist()
+        rows = [slice(*pair) for pair in pairwise(ends)]
+        self.outputs, step = rows[len(widths) :], stride(self.samples, dtype)
+        self.shape: tuple[int, int] = (ends[-1], step)
+        self.read = [
+            (k, part)
+            for k, part in enumerate(rows[: len(widths)])
+            if any(f"w[s + {row * step}]\n" in source for row in range(part.start, part.stop))
+        ]
+        self.module = load_source(source + _RUN.format(block=BLOCK) + extra, components)
         empty = [np.zeros((1, width), self.dtype) for width in widths]
         compile_now(self.module, lambda: self.parts(*empty, np.zeros(parameters)))
+
+    @property
+    def size(self) -> int:
+        """Entries of the array that ``block`` works in."""
+        return self.shape[0] * self.shape[1]
 
     def __call__(self, *arguments: NDArray[Any]) -> NDArray[Any]:
         """Evaluate every row of the input arrays with the parameters, which come last, on all threads."""
@@ -279,13 +297,31 @@ class Map:
     def parts(self, *arguments: NDArray[Any]) -> list[NDArray[Any]]:
         """The same for several output arrays."""
         *inputs, parameters = arguments
-        x = [np.ascontiguousarray(array, self.dtype) for array in inputs]
-        y = [np.empty((len(x[0]), width), self.dtype) for width in self.outputs]
+        n = len(inputs[0])
+        if n <= self.samples:
+            w = self._evaluate(inputs, parameters, slice(0, n), aligned(self.size, self.dtype))
+            return [w[rows, :n].T for rows in self.outputs]
+        y = [empty_rows(n, rows.stop - rows.start, self.dtype) for rows in self.outputs]
 
         def work(start: int) -> None:
-            rows = slice(start, start + self.CHUNK)
-            w = scratch(self.rows, self.dtype)
-            self.module.run(*(array[rows] for array in x), parameters, *(array[rows] for array in y), w)
+            part = slice(start, min(start + self.samples, n))
+            w = self._evaluate(inputs, parameters, part, scratch(self.size, self.dtype))
+            for array, rows in zip(y, self.outputs, strict=True):
+                array[:, part] = w[rows, : part.stop - start]
 
-        on_all_threads(work, range(0, len(x[0]), self.CHUNK))
-        return y
+        on_all_threads(work, range(0, n, self.samples))
+        return [array[:, :n].T for array in y]
+
+    def _evaluate(
+        self, inputs: Sequence[NDArray[Any]], parameters: NDArray[Any], part: slice, room: NDArray[Any]
+    ) -> NDArray[Any]:
+        """The ``part`` of the inputs and what comes of it, in ``room``: a row per column."""
+        w, n = room.reshape(self.shape), part.stop - part.start
+        for k, rows in self.read:
+            array = inputs[k][part]
+            if array.strides[0] == array.itemsize:
+                w[rows, :n] = array.T
+            else:
+                _transpose(np.ascontiguousarray(array, self.dtype), w[rows])
+        self.module.run(room, parameters, n)
+        return w

@@ -16,9 +16,12 @@ from numpy.typing import NDArray
 
 from eiwa.core.compiled import compiled, float32_from_bits, float64_from_bits
 from eiwa.core.errors import EiwaError
+from eiwa.core.symbols import empty_rows
 
 BLOCK = 256
 """Samples a compiled block holds."""
+ARRAY_BLOCK = 1 << 13
+"""Samples in the arrays that plugins in plain NumPy get."""
 MAX_DIMENSIONS = 12
 GAMMA = 0x9E3779B97F4A7C15
 
@@ -45,13 +48,13 @@ class Stream:
         return _sobol_table(dimensions, self.key)
 
     def points(self, first: int, count: int, dimensions: int) -> NDArray[np.float64]:
-        """Points ``first ... first + count - 1``, shape (count, dimensions)."""
+        """Points ``first ... first + count - 1``, shape (count, dimensions), its columns contiguous."""
         start = first - first % BLOCK
         blocks = -(-(first + count - start) // BLOCK)
-        points = np.empty((blocks * BLOCK, dimensions))
-        sobol, key = self.sequence == "sobol", np.uint64(self.key)
-        _fill_points(points, sobol, np.uint64(start), key, self.table(dimensions))
-        return points[first - start : first - start + count]
+        rows = empty_rows(blocks * BLOCK, dimensions)
+        sobol, arguments = self.sequence == "sobol", (np.uint64(self.key), self.table(dimensions))
+        _fill_points(rows, blocks, sobol, np.uint64(start), *arguments)
+        return rows[:, first - start : first - start + count].T
 
 
 @compiled
@@ -92,17 +95,14 @@ def fill_sobol(w: Any, stride: int, dimensions: int, start: Any, key: Any, table
 
 
 @compiled
-def _fill_points(points: Any, sobol: Any, start: Any, key: Any, table: Any) -> None:
-    dimensions = points.shape[1]
-    w = np.empty(dimensions * 256)
-    for block in range(0, points.shape[0], 256):
+def _fill_points(rows: Any, blocks: int, sobol: bool, start: Any, key: Any, table: Any) -> None:
+    dimensions, stride = rows.shape
+    w = rows.reshape(rows.size)
+    for first in range(0, blocks * 256, 256):
         if sobol:
-            fill_sobol(w, 256, dimensions, start + np.uint64(block), key, table)
+            fill_sobol(w[first:], stride, dimensions, start + np.uint64(first), key, table)
         else:
-            fill_plain(w, 256, dimensions, start + np.uint64(block), key, table)
-        for s in range(256):
-            for j in range(dimensions):
-                points[block + s, j] = w[j * 256 + s]
+            fill_plain(w[first:], stride, dimensions, start + np.uint64(first), key, table)
 
 
 FILLS: dict[str, Any] = {"plain": fill_plain, "sobol": fill_sobol}

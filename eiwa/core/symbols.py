@@ -315,6 +315,17 @@ def polynomial(x: Column, coefficients: Sequence[float]) -> Column:
     return total
 
 
+def stride(samples: int, dtype: Any = np.float64) -> int:
+    """Distance of two rows of so many samples, an odd number of cache lines, so that rows do not share cache sets."""
+    line = 64 // int(np.dtype(dtype).itemsize)
+    return (-(-samples // line) | 1) * line
+
+
+def empty_rows(n: int, width: int, dtype: Any = np.float64) -> NDArray[Any]:
+    """Rows for ``width`` columns of n entries, a :func:`stride` long."""
+    return np.empty((width, stride(n, dtype)), dtype)
+
+
 def as_columns(array: NDArray[np.floating[Any]]) -> list[Column]:
     """The columns of an (n, k) array."""
     return list(np.ascontiguousarray(array.T))

@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eiwa.core import symbols
-from eiwa.core.kernel import Map, trace_block
+from eiwa.core.kernel import SHORT, Map, trace_block
+from eiwa.core.sampling import Stream
 from eiwa.core.symbols import Symbol, Tape
+from tests import arms
 
 EPS, EPS_SINGLE = np.finfo(np.float64).eps, np.finfo(np.float32).eps
 
@@ -293,3 +295,35 @@ def test_folding_does_not_change_the_value(expression):
     traced = built(expression, {"x": tape.node("input", 0), "y": tape.node("input", 1)})
     expected = built(expression, dict(zip("xy", inputs, strict=True)))
     assert math.isclose(value_of(traced, inputs), expected, rel_tol=1e-12, abs_tol=1e-12)
+
+
+LAYOUTS = {
+    "rows": np.ascontiguousarray,
+    "columns": np.asfortranarray,
+    "part of a longer array": lambda x: np.vstack([x, x])[: len(x)],
+    "every second": lambda x: np.repeat(x, 2, axis=0)[::2],
+    "reversed": lambda x: x[::-1].copy()[::-1],
+}
+
+
+@pytest.fixture(scope="module")
+def reading():
+    """A map of two inputs, of which one column and one whole array are not read."""
+    return Map(lambda u, p: [u[0] - u[2], u[0]], (3, 2), 0, outputs=(1, 1))
+
+
+@pytest.mark.parametrize("laid_out", LAYOUTS.values(), ids=LAYOUTS)
+@pytest.mark.parametrize("n", [0, 1, 257, SHORT, SHORT + 1, 20_001])
+def test_inputs_may_be_laid_out_as_they_like(reading, n, laid_out):
+    x = np.random.default_rng(0).normal(size=(n, 3))
+    difference, first = reading.parts(laid_out(x), np.zeros((n, 2)), np.zeros(0))
+    np.testing.assert_array_equal(np.hstack([difference, first]), np.stack([x[:, 0] - x[:, 2], x[:, 0]], axis=1))
+
+
+def test_the_columns_of_postures_are_contiguous():
+    """So that NumPy reads an entry of all Jacobians as quickly as it can; powers of two apart, they would share cache sets."""
+    postures = arms.paper().postures(Stream("plain", 1).points(0, 4096, 6))
+    for name in ("u", "q", "tips", "rotations", "jacobians"):
+        strides = getattr(postures, name).strides
+        assert strides[0] == 8
+        assert strides[-1] // 64 % 2 == 1
