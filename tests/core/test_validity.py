@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eiwa.core.chain import Coupling
-from eiwa.core.dexterity import Family, prepare
+from eiwa.core.dexterity import Family, all_finite, prepare
 from eiwa.core.elites import refine
 from eiwa.core.errors import SpecError
 from eiwa.core.evaluation import metrics
@@ -129,3 +129,19 @@ def test_a_row_does_not_change_the_index():
         index.columns(arm.columns(u, list(arm.constants)), [3.0]) for arm in (HALF, replace(HALF, couplings=()))
     )
     np.testing.assert_array_equal(with_row, without)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, -np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("layout", [lambda a: a, lambda a: a.T, lambda a: a[:, ::2], lambda a: a.astype(np.float32)])
+def test_one_entry_that_is_not_finite_is_found_anywhere(wrong, layout):
+    values = np.random.default_rng(1).normal(size=(41, 6)) * 1e30
+    assert all_finite(layout(values))
+    for at in [(0, 0), (20, 2), (40, 4)]:
+        spoilt = values.copy()
+        spoilt[at] = wrong
+        assert not all_finite(layout(spoilt))
+
+
+def test_large_numbers_are_finite():
+    assert all_finite(np.full(5, -np.finfo(float).max))
+    assert all_finite(np.empty((0, 3)))
