@@ -140,6 +140,16 @@ def test_an_operator_adjusts_the_armrest_to_the_largest_F(changes):
     assert found.operators[""].armrest == max(each, key=each.get)
 
 
+def test_an_operator_without_an_armrest_adjusts_the_seat():
+    free = {'kind = "ehem"\nsamples = 4096': 'kind = "free_arm"'}
+    found = evaluate(small.spec(free, "[operator]\nadjust = { seat = { low = -0.2, high = 0.0, step = 0.1 } }\n"), {})
+    each = {
+        s: evaluate(small.spec(free, f"[operator]\nseat = {s}\n"), {}).scenarios[""]["F"] for s in (-0.2, -0.1, 0.0)
+    }
+    assert found.operators[""].seat == max(each, key=each.get) == -0.2
+    assert found.scenarios[""]["F"] == pytest.approx(each[-0.2], rel=1e-12)
+
+
 def test_a_scenario_lets_the_operator_adjust():
     extra = '[scenarios.free]\n"operator.adjust.armrest" = { low = 0.0, high = 0.10, step = 0.05 }\n'
     found = evaluate(small.spec(extra=extra), {})
