@@ -30,15 +30,16 @@ from eiwa.core.interfaces import Metric
 HERE = Path(__file__).parent
 
 class DeadlyParameters(Parameters):
-    "Kills the processes that evaluate, as many as a file beside it says."
+    "Kills the process that evaluates one design, as often as a file beside it says."
 
 class Deadly(Metric):
     def __call__(self, measurement):
-        left = HERE / "deaths"
-        spacing = measurement.setup.layout.spacing
-        if left.exists() and 0.20 < spacing < 0.30 and int(left.read_text()):
-            left.write_text(str(int(left.read_text()) - 1))
-            os.kill(os.getpid(), 9)
+        deaths = HERE / "deaths"
+        if deaths.exists():
+            spacing, left = deaths.read_text().split()
+            if measurement.setup.layout.spacing == float(spacing) and int(left):
+                deaths.write_text(f"{spacing} {int(left) - 1}")
+                os.kill(os.getpid(), 9)
         return {"deadly": 0.0}
 
 @hookimpl
@@ -203,10 +204,20 @@ def deadly(tmp_path):
     )
 
 
+def deaths(folder, serial, left):
+    """One design of the search is to kill its worker so many times; its spacing.
+
+    A range of spacings would not do: two workers could each evaluate another of its designs at the same time.
+    """
+    spacing = next(r["values.layout.spacing"] for r in serial if r["kind"] == "trial" and r["number"] == 5)
+    (folder / "deaths").write_text(f"{spacing!r} {left}")
+    return spacing
+
+
 @pytest.mark.slow
-def test_a_worker_that_dies_once_is_replaced_and_its_trial_tried_again(deadly, tmp_path):
+def test_a_worker_that_dies_once_is_replaced_and_its_trial_tried_again(deadly, serial, tmp_path):
     said = Said()
-    (tmp_path / "deaths").write_text("1")
+    deaths(tmp_path, serial, 1)
     found = small.results(small.run(deadly, tmp_path / "died", said))
     assert len(said.messages) == 1
     assert said.messages[0].endswith("its worker died (signal 9); it is tried again (1 of 1).")
@@ -214,15 +225,14 @@ def test_a_worker_that_dies_once_is_replaced_and_its_trial_tried_again(deadly, t
 
 
 @pytest.mark.slow
-def test_a_design_that_kills_every_worker_fails_and_says_so(deadly, tmp_path):
+def test_a_design_that_kills_every_worker_fails_and_says_so(deadly, serial, tmp_path):
     """The others of its batch are not blamed."""
     said = Said()
-    (tmp_path / "deaths").write_text("2")
+    spacing = deaths(tmp_path, serial, 2)
     trials = [r for r in small.run(deadly, tmp_path / "died", said).rows() if r["kind"] == "trial"]
     failed = [r for r in trials if r["state"] == "FAIL"]
-    assert len(failed) == 1
+    assert [r["values.layout.spacing"] for r in failed] == [spacing]
     assert failed[0]["message"] == "its worker died (signal 9) at each of 2 attempts (execution.retries = 1)"
-    assert 0.20 < failed[0]["values.layout.spacing"] < 0.30
     assert said.messages[-1] == f"trial {failed[0]['number']}: {failed[0]['message']}; it has failed."
 
 
