@@ -31,11 +31,15 @@ from eiwa.core.workspace import Target, packed
 
 FIRST = 1 << 17
 """Evaluations of the plain first pass."""
-GENERATION = 1 << 13
+GENERATION = slice(1 << 13, 1 << 16)
+"""Sizes of a generation: a 64th of the evaluations so far, within these. Larger ones draw from older elites, smaller ones
+make threads wait for each other more often than they work."""
 GROWTH = 2.0**0.25
 """Checkpoints stand where the evaluations have grown by this factor; four of them make a doubling."""
 CAUTION = 2.0
 """What remains is estimated as this multiple of the last doubling's gain; benchmarks/refinement.py shows the evidence."""
+GAMMA = np.uint64(0x9E3779B97F4A7C15)
+"""SplitMix64's increment."""
 SORTED = 17 / 16
 """Parents are brought into the order of their cells when there are so many times more."""
 LEAST = 1e-3
@@ -92,10 +96,10 @@ def refine(
     """
     archives = Archives.empty(family, targets, weights)
     explore = _explorer(family, targets, archives, stream, amount.dtype)
-    spent, checkpoint = 0, 0.0
+    spent, checkpoint = 0, float(FIRST)
     histories: list[list[list[tuple[int, float]]]] = [[[] for _ in weights] for _ in family.members]
     while spent < amount.samples:
-        size = min(FIRST if spent == 0 else GENERATION, amount.samples - spent)
+        size = min(generation(spent), amount.samples - spent)
         explore(spent, size)
         spent += size
         if spent >= checkpoint or spent >= amount.samples:
@@ -111,6 +115,11 @@ def refine(
     ]
 
 
+def generation(spent: int) -> int:
+    """The size of the next generation."""
+    return min(max(spent // 64 // BLOCK * BLOCK, GENERATION.start), GENERATION.stop)
+
+
 def remaining(history: Sequence[tuple[int, float]]) -> float:
     """What F may still gain: a multiple of the last doubling's gain, all of 1 - F before the first doubling."""
     last, F = history[-1]
@@ -120,7 +129,7 @@ def remaining(history: Sequence[tuple[int, float]]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Archives:
-    """Best values and their points: ``best`` (targets, members, slots), ``elites`` (targets, members, slots, dof).
+    """Best values and their points: ``best`` (targets, slots, members), ``elites`` (targets, slots, members, dof).
 
     ``weights`` (fields, slots).
     """
@@ -138,7 +147,7 @@ class Archives:
         cells = np.flatnonzero(np.any([field.ravel() > 0 for field in weights], axis=0))
         slots = np.full(targets[0].grid.cells, -1, np.int32)
         slots[cells] = np.arange(cells.size, dtype=np.int32)
-        size = (len(targets), len(family.members), cells.size)
+        size = (len(targets), cells.size, len(family.members))
         return cls(
             targets[0].grid.shape,
             cells,
@@ -150,7 +159,7 @@ class Archives:
 
     def values(self, family: Family, member: int) -> Array:
         """Values that count, (targets, slots): capped at 1, 0 below the threshold."""
-        best = self.best[:, member]
+        best = self.best[..., member]
         return np.where(best >= family.members[member].threshold, np.clip(best, 0.0, 1.0), 0.0)
 
     def F(self, family: Family, reached: bool = False) -> list[list[float]]:
@@ -170,7 +179,7 @@ class Archives:
 
     def points(self, member: int) -> Array:
         """The elites of one member, (targets, slots, dof)."""
-        return self.elites[:, member]
+        return self.elites[:, :, member]
 
 
 def _explorer(
@@ -180,23 +189,24 @@ def _explorer(
     dtype, dof, members = np.dtype(dtype), family.arm.dof, len(family.members)
     affines, layout = packed(targets, dtype)
     layout[:, 3] = 0
-    scales = family.scales(dtype)
-    evaluate = (_fused if family.traced else _by_arrays)(family, affines, layout, archives.slots, stream, dtype)
-    parents = archives.elites.reshape(-1, dof)
-    u = np.empty((dof, FIRST), dtype)
-    slots, raws = np.empty((len(targets), FIRST), np.int32), np.empty((members, FIRST), dtype)
-    occupied, count, in_order = np.empty(archives.best.size, np.int32), 0, 0
+    best, elites = archives.best.reshape(-1, members), archives.elites.reshape(-1, dof)
+    frozen = (affines, layout, archives.slots, best, family.scales(dtype))
+    evaluate = (_fused if family.traced else _by_arrays)(family, frozen, stream, dtype)
+    rows = np.empty(len(targets) * GENERATION.stop, np.int32)
+    found = np.empty((rows.size, members + dof), dtype)
+    occupied, count, in_order = np.empty(best.size, np.int32), 0, 0
 
     def explore(first: int, size: int) -> None:
         nonlocal count, in_order
         share = -(-size // (thread_count() * BLOCK)) * BLOCK
+        parents = occupied[: count if first >= FIRST else 0]
 
-        def work(start: int) -> None:
-            part = slice(start, min(start + share, size))
-            evaluate(first + start, occupied[:count], parents, u[:, part], slots[:, part], raws[:, part])
+        def work(start: int) -> slice:
+            n, room = min(share, size - start), len(targets) * start
+            return slice(room, room + evaluate(first + start, n, parents, elites, rows[room:], found[room:]))
 
-        on_all_threads(work, range(0, size, share))
-        count = merge(archives.best, archives.elites, slots[:, :size], raws[:, :size], scales, u, occupied, count)
+        for better in on_all_threads(work, range(0, size, share)):
+            count = merge(best, elites, rows[better], found[better], occupied, count)
         if count > in_order * SORTED:  # neighbours in memory are read together
             occupied[:count].sort()
             in_order = count
@@ -206,37 +216,49 @@ def _explorer(
 
 @compiled
 def propose(w: Any, stride: Any, dof: Any, n: Any, first: Any, key: Any, occupied: Any, parents: Any) -> None:
-    """Candidates number ``first`` ... ``first + n - 1`` into the first rows of the scratch ``w``.
+    """Candidates number ``first`` ... ``first + n - 1`` into the first rows of the scratch ``w``, which has one row more.
 
     Without elites: plain samples. Else candidate i takes elite i (in turn), and moves a random half of its joints by up
     to 2^-4 ... 2^-11 of their ranges, one in 32 by up to the whole range (another branch of the inverse kinematics may be
     better there), reflected at the ends.
     """
-    gamma, words = np.uint64(0x9E3779B97F4A7C15), np.uint64(dof + 1)
-    count = occupied.shape[0]
-    turn = first % max(count, 1)
-    for i in range(n if count > 0 else 0):
-        parent = occupied[turn]
-        turn = turn + 1 if turn + 1 < count else 0
-        for j in range(dof):
-            w[j * stride + i] = parents[parent, j]
-    # Nothing but w is read or written from here on, so that the loops vectorise.
-    for j in range(dof):
-        bit = np.uint64(8 + j % 32)
+    count, words = occupied.shape[0], np.uint64(dof + 1)
+    start, step = key + GAMMA * (np.uint64(first) * words), GAMMA * words
+    if count > 0:
+        turn = first % count
         for i in range(n):
-            start = key + gamma * (np.uint64(first + i) * words)
-            bits = mixed(start + gamma * np.uint64(j + 1))
-            unit = float64_from_bits((bits >> np.uint64(12)) | np.uint64(0x3FF0000000000000)) - (1.0 - 2.0**-53)
-            if count == 0:
-                w[j * stride + i] = unit
-            else:
-                word = mixed(start)
-                far = (word >> np.uint64(3)) & np.uint64(31) == np.uint64(0)
-                halvings = select(far, np.uint64(0), np.uint64(4) + (word & np.uint64(7)))
-                amplitude = float64_from_bits((np.uint64(1023) - halvings) << np.uint64(52))
-                moved = (word >> bit) & np.uint64(1) > np.uint64(0)
-                v = abs(w[j * stride + i] + select(moved, amplitude * (2.0 * unit - 1.0), 0.0))
+            parent = occupied[turn]
+            turn = turn + 1 if turn + 1 < count else 0
+            for j in range(dof):
+                w[j * stride + i] = parents[parent, j]
+        # Nothing but w is read or written from here on, and words are counted by adding, so that the loops vectorise.
+        z = start
+        for i in range(n):
+            word = mixed(z)
+            far = word & np.uint64(31 << 3) == np.uint64(0)
+            halvings = select(far, np.uint64(0), np.uint64(4) + (word & np.uint64(7)))
+            w[dof * stride + i] = float64_from_bits((np.uint64(1023) - halvings) << np.uint64(52))
+            z += step
+    for j in range(dof):
+        z = start + GAMMA * np.uint64(j + 1)
+        if count > 0:
+            for i in range(n):
+                bits = mixed(z)
+                moved = bits & np.uint64(1) > np.uint64(0)
+                move = w[dof * stride + i] * (2.0 * unit(bits) - 1.0)
+                v = abs(w[j * stride + i] + select(moved, move, 0.0))
                 w[j * stride + i] = select(v > 1.0, 2.0 - v, v)
+                z += step
+        else:
+            for i in range(n):
+                w[j * stride + i] = unit(mixed(z))
+                z += step
+
+
+@compiled
+def unit(bits: Any) -> Any:
+    """A number in (0, 1) from the upper 52 bits."""
+    return float64_from_bits((bits >> np.uint64(12)) | np.uint64(0x3FF0000000000000)) - (1.0 - 2.0**-53)
 
 
 @compiled
@@ -248,80 +270,90 @@ def mixed(z: Any) -> Any:
 
 
 @compiled
-def to_slots(
-    x: Any, y: Any, z: Any, raw: Any, affine: Any, layout: Any, slots: Any, cells: Any, picks: Any, out: Any
-) -> None:
-    """The archive slot that each tip falls into, -1 for none; ``cells`` and ``picks`` are scratch."""
-    n = x.shape[0]
-    count = workspace.locate(x, y, z, raw, n, affine, layout, cells, picks)
-    out[:] = -1
-    for s in range(count):
-        out[picks[s]] = slots[cells[s]]
+def keep_better(u: Any, tip: Any, raws: Any, n: Any, frozen: Any, room: Any, rows: Any, found: Any, count: Any) -> Any:
+    """Append those of n candidates that are better than an elite of the frozen archives where their tips fall.
 
-
-@compiled
-def merge(best: Any, elites: Any, slots: Any, raws: Any, scales: Any, u: Any, occupied: Any, count: Any) -> Any:
-    """Credit candidates in the order of their numbers; a tie keeps the earlier one.
-
-    Archive slots that were empty are appended to the first ``count`` of ``occupied``; returns the new count.
+    ``u``, ``tip``, ``raws``: their points, where these lead, and the members' indices there, as tuples of columns but for
+    u. A ``rows`` entry is target times slots + slot, a ``found`` entry the values of all members and then the point.
+    ``room`` is scratch, two rows of at least min(n, BLOCK). Returns the new ``count``.
     """
-    members, size = best.shape[1], best.shape[2]
-    for t in range(slots.shape[0]):
-        for m in range(raws.shape[0]):
-            for i in range(slots.shape[1]):
-                slot = slots[t, i]
-                if slot >= 0:
-                    value, before = raws[m, i] * scales[m], best[t, m, slot]
-                    if value > before:
-                        if before < 0.0:
-                            occupied[count] = (t * members + m) * size + slot
-                            count += 1
-                        best[t, m, slot] = value
-                        for j in range(u.shape[0]):
-                            elites[t, m, slot, j] = u[j, i]
+    affines, layout, slots, best, scales = frozen
+    (x, y, z), cells, picks = tip, room[0], room[1]
+    members, size = len(raws), best.shape[0] // layout.shape[0]
+    for start in range(0, n, BLOCK):  # the order of entries must not depend on n
+        part = slice(start, min(start + BLOCK, n))
+        length = part.stop - start
+        for t in range(layout.shape[0]):
+            target = affines[t], layout[t]
+            inside = workspace.locate(x[part], y[part], z[part], raws[0][part], length, *target, cells, picks)
+            kept, better = 0, 0
+            for k in range(inside):
+                slot = slots[cells[k]]
+                cells[kept], picks[kept] = t * size + slot, start + picks[k]
+                kept += slot >= 0
+            for k in range(kept):
+                row, i, any_better = cells[k], picks[k], False
+                for m in range(members):
+                    any_better |= raws[m][i] * scales[m] > best[row, m]
+                cells[better], picks[better] = row, i
+                better += any_better
+            for k in range(better):
+                rows[count] = cells[k]
+                for m in range(members):
+                    found[count, m] = raws[m][picks[k]] * scales[m]
+                for j in range(u.shape[0]):
+                    found[count, members + j] = u[j, picks[k]]
+                count += 1
     return count
 
 
-def _by_arrays(
-    family: Family,
-    affines: Array,
-    layout: NDArray[np.int64],
-    slots: NDArray[np.int32],
-    stream: Stream,
-    dtype: np.dtype[Any],
-) -> Callable[..., None]:
-    """Proposal, kinematics, indices and location of a share of candidates, for plugins in plain NumPy."""
+@compiled
+def merge(best: Any, elites: Any, rows: Any, found: Any, occupied: Any, count: Any) -> Any:
+    """Credit candidates in the order of their numbers; a tie keeps the earlier one.
+
+    Elites that were empty are appended to the first ``count`` of ``occupied``; returns the new count.
+    """
+    members, dof = best.shape[1], elites.shape[1]
+    for k in range(rows.shape[0]):
+        row = rows[k]
+        for m in range(members):
+            value, before = found[k, m], best[row, m]
+            if value > before:
+                if before < 0.0:
+                    occupied[count] = row * members + m
+                    count += 1
+                best[row, m] = value
+                for j in range(dof):
+                    elites[row * members + m, j] = found[k, members + j]
+    return count
+
+
+def _by_arrays(family: Family, frozen: tuple[NDArray[Any], ...], stream: Stream, dtype: np.dtype[Any]) -> Callable[..., int]:
+    """Proposal, kinematics, indices and comparison of n candidates, for plugins in plain NumPy."""
     dof, key = family.arm.dof, np.uint64(stream.key)
 
-    def evaluate(first: int, occupied: Any, parents: Any, u: Any, out: Any, raws: Any) -> None:
-        n = u.shape[1]
-        rows, room = np.empty((dof, n)), np.empty((2, n), np.int32)
-        propose(rows.ravel(), n, dof, n, first, key, occupied, parents)
-        u[:] = rows
-        x, y, z, *raw = family.rows(u.T, dtype)
-        raws[:] = raw
-        for t, affine in enumerate(affines):
-            to_slots(x, y, z, raws[0], affine, layout[t], slots, room[0], room[1], out[t])
+    def evaluate(first: int, n: int, occupied: Any, parents: Any, rows: Any, found: Any) -> int:
+        u, room = np.empty((dof + 1, n)), np.empty((2, BLOCK), np.int32)
+        propose(u.ravel(), n, dof, n, first, key, occupied, parents)
+        u = u[:dof].astype(dtype, copy=False)
+        x, y, z, *raws = family.rows(u.T, dtype)
+        return int(keep_better(u, (x, y, z), tuple(raws), n, frozen, room, rows, found, 0))
 
     return evaluate
 
 
-def _fused(
-    family: Family,
-    affines: Array,
-    layout: NDArray[np.int64],
-    slots: NDArray[np.int32],
-    stream: Stream,
-    dtype: np.dtype[Any],
-) -> Callable[..., None]:
+def _fused(family: Family, frozen: tuple[NDArray[Any], ...], stream: Stream, dtype: np.dtype[Any]) -> Callable[..., int]:
     """The same as one kernel."""
-    source = _EXPLORE.format(block=BLOCK, stride=stride(BLOCK, dtype), dof=family.arm.dof, members=len(family.members))
+    dof = family.arm.dof
+    raws = ", ".join(f"columns[{dof + 3 + m}]" for m in range(len(family.members)))
+    source = _EXPLORE.format(block=BLOCK, stride=stride(BLOCK, dtype), dof=dof, raws=raws)
     kernel = family.kernel(dtype, source, (sampling, workspace, _this_module()))
     constants, key = family.constants, np.uint64(stream.key)
 
-    def evaluate(first: int, occupied: Any, parents: Any, u: Any, out: Any, raws: Any) -> None:
+    def evaluate(first: int, n: int, occupied: Any, parents: Any, rows: Any, found: Any) -> int:
         w, room = scratch(kernel.size, dtype), np.empty((2, BLOCK), np.int32)
-        kernel.module.explore(first, key, occupied, parents, constants, w, affines, layout, slots, *room, u, out, raws)
+        explore = kernel.module.explore
+        return int(explore(first, n, key, occupied, parents, constants, w, frozen, room, rows, found))
 
     return evaluate
 
@@ -333,24 +365,18 @@ def _this_module() -> Any:
 
 
 _EXPLORE = """
-from eiwa.core.elites import propose, to_slots
+from eiwa.core.elites import keep_better, propose
 
 
 @compiled
-def explore(first, key, occupied, parents, p, w, affines, layout, slots, cells, picks, u, out, raws):
-    size = u.shape[1]
-    x, y, z, raw = {dof} * {stride}, ({dof} + 1) * {stride}, ({dof} + 2) * {stride}, ({dof} + 3) * {stride}
+def explore(first, size, key, occupied, parents, p, w, frozen, room, rows, found):
+    columns = w.reshape(-1, {stride})
+    u, tip, raws = columns[:{dof}], (columns[{dof}], columns[{dof} + 1], columns[{dof} + 2]), ({raws},)
+    count = 0
     for start in range(0, size, {block}):
         n = min({block}, size - start)
         propose(w, {stride}, {dof}, n, first + start, key, occupied, parents)
-        for j in range({dof}):
-            for s in range(n):
-                u[j, start + s] = w[j * {stride} + s]
         block(w, p)
-        for t in range(layout.shape[0]):
-            to_slots(w[x : x + n], w[y : y + n], w[z : z + n], w[raw : raw + n],
-                     affines[t], layout[t], slots, cells, picks, out[t, start : start + n])
-        for m in range({members}):
-            for s in range(n):
-                raws[m, start + s] = w[raw + m * {stride} + s]
+        count = keep_better(u, tip, raws, n, frozen, room, rows, found, count)
+    return count
 """
