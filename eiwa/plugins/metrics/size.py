@@ -24,7 +24,7 @@ class Reach(Metric):
 
     def __call__(self, measurement: Measurement) -> dict[str, float | None]:
         """The reach [m]."""
-        return {"reach": measurement.dexterity.reach}
+        return {"reach": measurement.volumes.reach}
 
 
 class LinkLengthParameters(Parameters):
