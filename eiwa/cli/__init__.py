@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import sys
+import threading
 
 import typer
 
@@ -36,12 +38,23 @@ def _version(show: bool = typer.Option(False, "--version", help="Print the versi
         raise typer.Exit
 
 
+def press_again(lost: sys.UnraisableHookArgs) -> None:
+    """A Ctrl-C that a callback has swallowed, of which numba's compiler has some, comes again a moment later."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
+        return
+    again = threading.Timer(0.1, _thread.interrupt_main)
+    again.daemon = True
+    again.start()
+
+
 def main() -> None:
     """Run the command line; errors that eiwa raises on purpose end with their message and exit code 2."""
     if sys.platform not in ("linux", "darwin"):
         sys.exit("eiwa runs on Linux and macOS.")
     from eiwa.core.errors import EiwaError
 
+    sys.unraisablehook = press_again
     try:
         app()
     except EiwaError as error:

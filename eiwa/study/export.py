@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tempfile
 import warnings
 from collections.abc import Sequence
 from datetime import timedelta
@@ -22,10 +23,12 @@ from eiwa.study import journal
 from eiwa.study.leaders import parameters
 from eiwa.study.rows import Row
 from eiwa.study.sampler import distributions
-from eiwa.study.store import Store, write_atomically
+from eiwa.study.storages import refusals
+from eiwa.study.store import Store, write_atomically, writing
 
 STATES = {"COMPLETE": TrialState.COMPLETE, "FAIL": TrialState.FAIL, "SKIPPED": TrialState.PRUNED}
 """A design that was not evaluated has no values, as a pruned trial."""
+ELSEWHERE = "choose another name."
 TOLD = ("kind", "number", "state", "started")
 """Columns, besides parameters, objectives and constraints, that Optuna has a place for."""
 
@@ -41,7 +44,7 @@ def export(spec: StudySpec, store: Store, target: str) -> int:
         The target is none of these, exists already, or cannot be written; or rows are of another study file.
     """
     if "://" in target:
-        return _to_optuna(spec, store.rows(), _database(target), target)
+        return _to_database(spec, store.rows(), target)
     path = Path(target)
     if path.suffix not in (".parquet", ".csv", ".log"):
         raise StoreError(
@@ -49,14 +52,16 @@ def export(spec: StudySpec, store: Store, target: str) -> int:
         )
     if path.exists():
         raise StoreError(f"{path}: exists already. Move it away, or choose another name.")
+    if not path.parent.is_dir():
+        raise StoreError(f"{path}: there is no folder {path.parent}. Make it, or choose another name.")
     if path.suffix == ".log":
-        return _to_optuna(spec, store.rows(), journal.storage(path), target)
+        return _to_journal(spec, store.rows(), path)
     table, sink = store.table(), pa.BufferOutputStream()
     if path.suffix == ".parquet":
         pq.write_table(table, sink, compression="zstd")
     else:
         pyarrow.csv.write_csv(flat(table), sink)
-    write_atomically(path, sink.getvalue().to_pybytes())
+    write_atomically(path, sink.getvalue().to_pybytes(), ELSEWHERE)
     return int(table.num_rows)
 
 
@@ -71,13 +76,27 @@ def flat(table: pa.Table) -> pa.Table:
     return pa.table(dict(zip(table.column_names, columns, strict=True)))
 
 
-def _database(url: str) -> optuna.storages.BaseStorage:
+def _to_journal(spec: StudySpec, rows: Sequence[Row], path: Path) -> int:
+    """A journal that is whole or not there, and nothing beside it."""
+    with writing(path, ELSEWHERE), tempfile.TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+        written = Path(folder) / path.name
+        count = _to_optuna(spec, rows, journal.storage(written), str(path))
+        written.replace(path)
+    return count
+
+
+def _to_database(spec: StudySpec, rows: Sequence[Row], url: str) -> int:
+    from sqlalchemy import make_url
     from sqlalchemy.exc import SQLAlchemyError
 
+    shown = url
     try:
-        return optuna.storages.get_storage(url)
+        shown = make_url(url).render_as_string(hide_password=True)
+        storage = optuna.storages.get_storage(url)
     except (SQLAlchemyError, ImportError, ValueError) as error:
-        raise StoreError(f"{url}: cannot be opened: {str(error).splitlines()[0]}") from None
+        raise StoreError(f"{shown}: cannot be opened: {str(error).splitlines()[0]}") from None
+    with refusals(shown):
+        return _to_optuna(spec, rows, storage, shown)
 
 
 def _to_optuna(spec: StudySpec, rows: Sequence[Row], storage: Any, target: str) -> int:
@@ -123,5 +142,5 @@ def _trial(spec: StudySpec, r: Row) -> FrozenTrial:
         system_attrs={"constraints": violations} if r["state"] != "FAIL" else {},
         intermediate_values={},
         datetime_start=r["started"],
-        datetime_complete=r["started"] + timedelta(seconds=r["seconds"]),
+        datetime_complete=r["started"] + timedelta(seconds=r["seconds"] or 0.0),
     )

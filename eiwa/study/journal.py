@@ -40,6 +40,15 @@ class FileLock:
             self._file.close()
             self._file = None
 
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Have it for a while."""
+        self.acquire()
+        try:
+            yield
+        finally:
+            self.release()
+
 
 def tried(file: IO[str]) -> bool:
     """Take the lock of an open file unless another process has it."""
@@ -79,8 +88,7 @@ class Journal(JournalFileBackend):
     @contextmanager
     def transaction(self, storage: JournalStorage) -> Iterator[None]:
         """Nobody else writes, and all that is written inside is written at once at the end."""
-        self._own.acquire()
-        try:
+        with self._own.held():
             storage.get_all_studies()  # reads what others wrote
             self._pending = []
             try:
@@ -90,8 +98,6 @@ class Journal(JournalFileBackend):
             if logs:
                 super().append_logs(logs)
                 self._read += len(logs)
-        finally:
-            self._own.release()
 
 
 def storage(path: Path) -> JournalStorage:

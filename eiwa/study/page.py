@@ -113,7 +113,7 @@ class Page(BaseStorage):
             state,
             values=objectives if state is TrialState.COMPLETE else None,
             datetime_start=row["started"],
-            datetime_complete=row["started"] + timedelta(seconds=row["seconds"]),
+            datetime_complete=row["started"] + timedelta(seconds=row["seconds"] or 0.0),
             params=values,
             distributions={n: d for n, d in distributions(self._spec).items() if n in values},
             user_attrs=self._numbers(row),

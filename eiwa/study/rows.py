@@ -142,8 +142,8 @@ def row(spec: StudySpec, task: Task) -> Row:
     result = _asked(spec, task)
     try:
         result |= _numbers(spec, task)
-    # A plugin may raise anything; one design's failure must not end the study.
-    except Exception as error:
+    # A plugin may raise anything, or call sys.exit; one design's failure must not end the study.
+    except (Exception, SystemExit) as error:
         result |= {"state": "FAIL", "message": _message(error)}
     volatile = {
         "started": started,
@@ -232,10 +232,14 @@ def _lasting(spec: StudySpec) -> Row:
     }
 
 
-def _message(error: Exception) -> str:
-    if isinstance(error, EiwaError):
-        return str(error)
-    return f"{type(error).__name__}: {error}"
+def _message(error: BaseException) -> str:
+    """What an exception says, as text that a file can hold: a name of a file may stand in it that is not Unicode."""
+    try:
+        text = str(error)
+    except Exception as second:
+        text = f"its text cannot be had ({type(second).__name__})"
+    said = text if isinstance(error, EiwaError) else f"{type(error).__name__}: {text}"
+    return said.encode(errors="backslashreplace").decode()
 
 
 def _type(value: Any) -> pa.DataType:

@@ -70,16 +70,17 @@ def _database(address: str, study: str, stack: ExitStack) -> Storage:
         url = url.set(drivername="postgresql+psycopg")
     place = f"execution.storage ({url.render_as_string(hide_password=True)})"
     full = url.render_as_string(hide_password=False)
-    with _refusals(place):
+    with refusals(place):
         hold = _held_file if url.get_backend_name() == "sqlite" else _held_on_server
-        alive = hold(url, study, place, stack)
-        storage = RDBStorage(full)
+        alive, turn = hold(url, study, place, stack)
+        with turn:  # whose tables Optuna makes where there are none, and may be made once only
+            storage = RDBStorage(full)
     stack.callback(storage.engine.dispose)
     stack.callback(storage.remove_session)
 
     @contextmanager
     def transaction() -> Iterator[None]:
-        with _refusals(place):
+        with refusals(place):
             alive()
             yield
 
@@ -87,7 +88,7 @@ def _database(address: str, study: str, stack: ExitStack) -> Storage:
 
 
 @contextmanager
-def _refusals(place: str) -> Iterator[None]:
+def refusals(place: str) -> Iterator[None]:
     """Turn what a database and its driver refuse into a StoreError."""
     import sqlalchemy
 
@@ -104,21 +105,25 @@ def _refusals(place: str) -> Iterator[None]:
         ) from None
 
 
-def _held_file(url: Any, study: str, place: str, stack: ExitStack) -> Callable[[], None]:
+Held = tuple[Callable[[], None], AbstractContextManager[None]]
+"""What refuses when the hold on a study is lost, and a turn among all who open the database."""
+
+
+def _held_file(url: Any, study: str, place: str, stack: ExitStack) -> Held:
     """Hold a study of an SQLite file against other processes of this machine."""
     folder = Path(url.database).resolve()
     with writing(folder):
         lock = stack.enter_context(folder.with_name(f"{folder.name}.{study}.lock").open("a+"))
     if not journal.tried(lock):
         raise StoreError(_taken(study, place, "another process"))
-    return lambda: None
+    return lambda: None, journal.FileLock(folder.with_name(f"{folder.name}.lock")).held()
 
 
-def _held_on_server(url: Any, study: str, place: str, stack: ExitStack) -> Callable[[], None]:
+def _held_on_server(url: Any, study: str, place: str, stack: ExitStack) -> Held:
     """Hold a study of a PostgreSQL database by an advisory lock, which ends with its connection."""
     import sqlalchemy
 
-    key = int.from_bytes(hashlib.sha256(f"eiwa study {study}".encode()).digest()[:8], "big", signed=True)
+    key, opening = _key(f"eiwa study {study}"), _key("eiwa")
     own = f"{platform.node()[:40]} in process {os.getpid()}"
     engine = sqlalchemy.create_engine(
         url,
@@ -142,7 +147,18 @@ def _held_on_server(url: Any, study: str, place: str, stack: ExitStack) -> Calla
     def alive() -> None:
         connection.execute(text("SELECT 1"))
 
-    return alive
+    @contextmanager
+    def turn() -> Iterator[None]:
+        connection.execute(text("SELECT pg_advisory_lock(:key)"), {"key": opening})
+        yield
+        connection.execute(text("SELECT pg_advisory_unlock(:key)"), {"key": opening})
+
+    return alive, turn()
+
+
+def _key(name: str) -> int:
+    """The number of an advisory lock."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big", signed=True)
 
 
 def _taken(study: str, place: str, holder: str) -> str:

@@ -79,23 +79,35 @@ class Store:
         StoreError
             Another process holds it, or the folder cannot be written.
         """
-        with writing(self.folder):
-            (self.folder / "trials").mkdir(parents=True, exist_ok=True)
-            file = os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+        while not self._held(file := self._opened()):
+            os.close(file)
         try:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                holder = os.read(file, 32).decode().strip() or "unknown"
-                raise StoreError(
-                    f"{self.folder}: this study is running in process {holder}. Wait for it, stop it, or use another name."
-                ) from None
             with writing(self.folder / "lock"):
                 os.ftruncate(file, 0)
                 os.pwrite(file, str(os.getpid()).encode(), 0)
             yield
         finally:
             os.close(file)
+
+    def _opened(self) -> int:
+        with writing(self.folder):
+            (self.folder / "trials").mkdir(parents=True, exist_ok=True)
+            return os.open(self.folder / "lock", os.O_RDWR | os.O_CREAT, 0o644)
+
+    def _held(self, file: int) -> bool:
+        """Lock the open file; False where its folder was set aside meanwhile, so that it is the lock of another one."""
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            holder = os.read(file, 32).decode().strip() or "unknown"
+            os.close(file)
+            raise StoreError(
+                f"{self.folder}: this study is running in process {holder}. Wait for it, stop it, or use another name."
+            ) from None
+        try:
+            return os.path.samestat(os.fstat(file), os.stat(self.folder / "lock"))
+        except FileNotFoundError:
+            return False
 
     def open(self, spec: StudySpec) -> None:
         """Make the folder this study's, or check that it is.
@@ -145,10 +157,10 @@ class Store:
         """Move an existing folder to the next free ``<name>.old-N``."""
         if not self.folder.exists():
             return None
-        number = 1
-        while (target := self.folder.with_name(f"{self.folder.name}.old-{number}")).exists():
-            number += 1
         with self.locked(), writing(self.folder):
+            number = 1
+            while (target := self.folder.with_name(f"{self.folder.name}.old-{number}")).exists():
+                number += 1
             self.folder.rename(target)
         return target
 
@@ -246,10 +258,13 @@ def _in_order(table: pa.Table) -> pa.Table:
     return table.take(pc.sort_indices(order, sort_keys=[(key, "ascending") for key in "abc"]))
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+RUN_AGAIN = "choose another --runs folder; finished trials are kept, run again to continue."
+
+
+def write_atomically(path: Path, content: bytes, otherwise: str = RUN_AGAIN) -> None:
     """Write a file so that it is whole or not there, even after a power loss."""
     temporary = path.with_name(f".{path.name}.tmp")
-    with writing(path):
+    with writing(path, otherwise):
         try:
             with temporary.open("wb") as file:
                 file.write(content)
@@ -266,16 +281,12 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 @contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turn an operating system's refusal to write into a StoreError."""
+def writing(path: Path, otherwise: str = RUN_AGAIN) -> Iterator[None]:
+    """Turn an operating system's refusal to write into a StoreError, with what else the user may do."""
     try:
         yield
     except OSError as error:
         if isinstance(error, BlockingIOError):
             raise
-        remedy = (
-            "Free some space" if error.errno == errno.ENOSPC else "Make it writable, or choose another --runs folder"
-        )
-        raise StoreError(
-            f"{path}: cannot be written: {error.strerror}. {remedy}; finished trials are kept, run again to continue."
-        ) from error
+        remedy = "Free some space" if error.errno == errno.ENOSPC else "Make it writable"
+        raise StoreError(f"{path}: cannot be written: {error.strerror}. {remedy}, or {otherwise}") from error

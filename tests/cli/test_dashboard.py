@@ -25,7 +25,7 @@ COUNT = """[...document.querySelectorAll('.js-plotly-plot')]
     .filter(trace => trace.name === 'trial' || trace.name === 'breaks a constraint')
     .reduce((sum, trace) => sum + trace.x.length, 0)"""
 """How many trials eiwa's own history shows."""
-PATIENCE = 90_000
+PATIENCE = 200_000
 """Milliseconds: a machine may have other work."""
 PICTURES = os.environ.get("EIWA_PICTURES")
 """A folder for screenshots, for people."""
@@ -62,7 +62,7 @@ class Dashboard:
         self.process = small.start("study", "dashboard", "small.toml", "--port", 0, *arguments, folder=folder)
         self.line = self.process.stdout.readline()
         found = re.fullmatch(r"small: (http://127\.0\.0\.1:\d+/dashboard/studies/0) \(Ctrl-C ends it\)\n", self.line)
-        assert found, self.line + self.process.communicate(timeout=30)[1]
+        assert found, self.line + self.process.communicate(timeout=120)[1]
         self.address = found[1]
 
     def __enter__(self):
@@ -238,7 +238,7 @@ def content(folder):
 
 
 def test_a_running_study_is_shown_as_it_goes_on(see, tmp_path):
-    small.paused(tmp_path, 2000)
+    small.paused(tmp_path, 5000)
     run = small.start("study", "run", "small.toml", folder=tmp_path)
     try:
         trials = tmp_path / "runs/small/trials"
@@ -268,7 +268,7 @@ def test_a_folder_that_can_only_be_read_is_enough_and_ctrl_c_ends_it(study, tmp_
         with urllib.request.urlopen(dashboard.address) as answer:
             assert answer.status == 200
         dashboard.process.send_signal(signal.SIGINT)
-        out, err = dashboard.process.communicate(timeout=60)
+        out, err = dashboard.process.communicate(timeout=120)
         assert (dashboard.process.returncode, out, err) == (0, "", "")
     assert content(tmp_path / "copy") == before
 

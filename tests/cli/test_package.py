@@ -69,3 +69,27 @@ def test_a_run_prints_nothing(tmp_path, capfd):
     """Only the command line prints."""
     eiwa.run(eiwa.load(small.write(tmp_path)), tmp_path / "runs")
     assert capfd.readouterr() == ("", "")
+
+
+LOST = """
+import ctypes, sys, time
+from eiwa.cli import press_again
+sys.unraisablehook = press_again
+
+@ctypes.CFUNCTYPE(None)
+def callback():
+    raise KeyboardInterrupt
+
+try:
+    callback()
+    print("it was lost")
+    time.sleep(60)
+except KeyboardInterrupt:
+    print("it came again")
+"""
+
+
+def test_ctrl_c_is_not_lost_in_a_callback():
+    """As one is while a kernel is compiled."""
+    done = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("it was lost\nit came again\n", "")

@@ -51,8 +51,14 @@ def test_an_error_does_not_leave_work_behind(threads):
 
 
 def test_the_caller_takes_part(threads):
-    names = set(on_all_threads(lambda _: (time.sleep(0.005), threading.current_thread().name)[1], range(20)))
-    assert threading.current_thread().name in names
+    caller, came = threading.current_thread(), threading.Event()
+
+    def work(_):
+        if threading.current_thread() is caller:
+            came.set()
+        return came.wait(60)
+
+    assert all(on_all_threads(work, range(20)))
 
 
 def test_work_may_share_out_work(threads):

@@ -7,7 +7,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from tests.needs import need
@@ -35,6 +35,15 @@ def _as_user():
     return None, None
 
 
+def free_port():
+    """A port that nobody is given who asks for any free one, so that it stays free while the server is down."""
+    for port in range(20000 + os.getpid() % 10000, 32768):
+        with socket.socket() as attempt, suppress(OSError):
+            attempt.bind(("127.0.0.1", port))
+            return port
+    raise OSError("no free port")
+
+
 class Server:
     """A server with an empty data folder on a free port of this machine; its user eiwa has a password."""
 
@@ -48,9 +57,7 @@ class Server:
         (folder / "password").chmod(0o644)
         options = ["-U", "eiwa", "-A", "scram-sha-256", f"--pwfile={folder / 'password'}", "--no-sync", "-E", "UTF8"]
         self._run("initdb", "-D", folder / "data", *options, "--locale=C")
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
+        self.port = free_port()
         self.start()
 
     def _run(self, name, *arguments):
@@ -63,7 +70,7 @@ class Server:
         command = [*self._as, self.bin / "postgres", "-D", self.folder / "data", "-p", self.port, *options]
         with (self.folder / "log").open("ab") as log:
             self._process = subprocess.Popen(list(map(str, command)), stdout=log, stderr=log, cwd=self.folder)
-        end = time.monotonic() + 30
+        end = time.monotonic() + 120
         while subprocess.run(
             [self.bin / "pg_isready", "-q", "-h", "127.0.0.1", "-p", str(self.port)], check=False
         ).returncode:

@@ -91,23 +91,43 @@ MISFIT = {OBJECTIVE: '[[objectives]]\ndirection = "minimize"\nover = "designs"\n
 SCENARIOS = '[scenarios]\n"dexterity.K" = [50, 12270]\n'
 
 PAUSE = """
+import math
 import time
+from pathlib import Path
 from eiwa.core.hookspecs import Number, Parameters, Plugin, hookimpl
 from eiwa.core.interfaces import Metric
 
+HOLD = Path(__file__).with_name("hold")
+
 class PauseParameters(Parameters):
-    "Takes its time."
+    "Takes its time, and no end of it where a file beside it says after how many calls."
+    seconds: float = 0.05
 
 class Pause(Metric):
+    calls = 0
+
+    def __init__(self, seconds):
+        self.seconds = seconds
+
     def __call__(self, measurement):
-        time.sleep(0.05)
-        return {"pause": 0.05}
+        time.sleep(self.seconds)
+        Pause.calls += 1
+        while Pause.calls > allowed():
+            time.sleep(0.01)
+        return {"pause": self.seconds}
+
+def allowed():
+    try:
+        return int(HOLD.read_text())
+    except FileNotFoundError:
+        return math.inf
 
 @hookimpl
 def eiwa_metrics():
-    return [Plugin("pause", PauseParameters, lambda parameters: Pause(), (Number("pause", "s", "waiting"),))]
+    numbers = (Number("pause", "s", "waiting"),)
+    return [Plugin("pause", PauseParameters, lambda parameters: Pause(parameters.seconds), numbers)]
 """
-"""A plugin file that makes evaluations slow enough to be interrupted."""
+"""A plugin file that makes evaluations slow enough to be interrupted: see :func:`hold`."""
 
 BROKEN_ARM = """
 from eiwa.core.hookspecs import Parameters, Plugin, hookimpl
@@ -166,10 +186,20 @@ def broken_arm(folder):
     return write(folder, changes, broken_arm=BROKEN_ARM)
 
 
-def paused(folder, trials):
+def paused(folder, trials, seconds=0.05, changes=None):
     """A study whose evaluations take their time."""
-    changes = {TOP: f'plugins = ["pause.py"]\n{TOP}', "trials = 8": f"trials = {trials}"}
-    return write(folder, changes, "[metrics.pause]\n", pause=PAUSE)
+    all_changes = {TOP: f'plugins = ["pause.py"]\n{TOP}', "trials = 8": f"trials = {trials}", **(changes or {})}
+    return write(folder, all_changes, f"[metrics.pause]\nseconds = {seconds}\n", pause=PAUSE)
+
+
+def hold(folder, calls):
+    """Every process that runs a paused study stands still after so many evaluations, until the file is deleted.
+
+    What is done to it meanwhile finds it running, however late that is. Each replicate counts.
+    """
+    path = folder / "hold"
+    path.write_text(str(calls))
+    return path
 
 
 def run(study, folder, listener=None):
@@ -218,7 +248,7 @@ def start(*arguments, folder, start_new_session=False, **environment):
 def eiwa(*arguments, folder, **environment):
     """The same, to its end: exit code, stdout, stderr."""
     process = start(*arguments, folder=folder, **environment)
-    out, err = process.communicate(timeout=120)
+    out, err = process.communicate(timeout=240)
     return process.returncode, out, err
 
 

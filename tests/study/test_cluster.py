@@ -8,6 +8,7 @@ import sys
 import time
 
 import pytest
+from distributed import Client
 
 from eiwa.core.errors import ExecutionError, SpecError
 from eiwa.core.spec import load
@@ -49,7 +50,7 @@ def scheduler(tmp_path_factory):
     process = begun(
         folder, "scheduler", "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file)
     )
-    until = time.monotonic() + 60
+    until = time.monotonic() + 120
     while not file.exists() or not file.read_text().endswith("}"):
         assert process.poll() is None, (folder / "scheduler/log").read_text()
         assert time.monotonic() < until
@@ -124,9 +125,19 @@ def test_a_worker_of_another_version_is_refused(path, scheduler, tmp_path):
         end(process)
 
 
+def wait_until_alone(address):
+    """Until the scheduler has noticed the deaths of earlier tests' workers."""
+    with Client(address, timeout=120, set_as_default=False) as client:
+        until = time.monotonic() + 120
+        while client.scheduler_info(n_workers=-1)["workers"]:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+
+
 @pytest.mark.slow
 def test_a_cluster_without_workers_is_waited_for(path, serial, scheduler, tmp_path, monkeypatch):
     """Its user is told, and the study begins when one comes."""
+    wait_until_alone(scheduler)
     monkeypatch.setattr("eiwa.study.cluster.LONELY", 0.2)
     started = []
 

@@ -14,7 +14,7 @@ from optuna.trial import TrialState
 from eiwa.core.errors import EiwaError, StoreError
 from eiwa.study.dashboard import listening, reading_only
 from eiwa.study.page import Description, Page, front
-from eiwa.study.rows import schema
+from eiwa.study.rows import Task, failed, schema
 from eiwa.study.store import Store
 from tests.study import small
 
@@ -101,6 +101,16 @@ def test_states(ran):
     assert states[9] is TrialState.RUNNING  # its row is not there yet
     assert states[10] is TrialState.FAIL
     assert page.get_trial(10).user_attrs == {"message": "the elbow is stuck"}
+
+
+def test_a_trial_whose_worker_died_has_no_time(ran):
+    spec, folder = ran
+    store = Store(folder / "small")
+    store.write([failed(spec, Task("trial", {}, 1, number=8), "its worker died")], schema(spec))
+    page, _ = page_of(spec, folder)
+    trial = page.get_trial(8)
+    assert trial.state is TrialState.FAIL
+    assert trial.datetime_complete == trial.datetime_start
 
 
 def test_the_best_trial_meets_the_constraints(ran):

@@ -1,7 +1,9 @@
 """Rows in one file, as CSV, and as a study that Optuna loads with the same best trials."""
 
 import csv
+import errno
 import json
+import os
 import warnings
 
 import optuna
@@ -104,6 +106,36 @@ def test_csv(study, tmp_path):
             assert json.loads(line["replicated.metrics.F"]) == r["replicated.metrics.F"]
 
 
+def test_a_trial_whose_worker_died_is_optunas_too(study, tmp_path):
+    spec, store = study
+    task = rows.Task("trial", {}, 1, number=40, parameters={name: r.low for name, r in spec.ranges.items()})
+    store.write([rows.failed(spec, task, "its worker died")], rows.schema(spec))
+    assert export(spec, store, str(tmp_path / "study.log")) == 41
+    assert loaded(journal.storage(tmp_path / "study.log")).trials[40].state.name == "FAIL"
+
+
+def names(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_a_journal_is_written_with_nothing_beside_it(study, tmp_path):
+    before = names(tmp_path)
+    export(*study, str(tmp_path / "study.log"))
+    assert names(tmp_path) == before | {"study.log"}
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "csv", "log"])
+def test_a_file_that_cannot_be_written_is_not_there(study, suffix, tmp_path, monkeypatch):
+    def full(path, target):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = names(tmp_path)
+    monkeypatch.setattr("pathlib.Path.replace", full)
+    with pytest.raises(StoreError, match=r"No space left on device. Free some space, or choose another name\.$"):
+        export(*study, str(tmp_path / f"all.{suffix}"))
+    assert names(tmp_path) == before
+
+
 # Refusals
 
 
@@ -129,6 +161,9 @@ def test_a_study_that_exists_is_not_written_over(study, tmp_path):
         ("all.xlsx", "ends in .parquet, .csv or .log"),
         ("nosuchdatabase://x", "cannot be opened"),
         ("sqlite:////no/such/folder/x.db", "cannot be opened"),
+        ("postgresql://me:hunter2@127.0.0.1:1/x", r"^postgresql://me:\*\*\*@127.0.0.1:1/x: cannot be opened"),
+        ("no/all.csv", "there is no folder no"),
+        ("no/study.log", "there is no folder no"),
     ],
 )
 def test_a_target_that_cannot_be(study, target, said, tmp_path):

@@ -30,7 +30,7 @@ def search_of(folder):
     return sorted((folder / "runs/small/trials").glob("part-*.parquet"))
 
 
-def wait_for(process, condition, seconds=60):
+def wait_for(process, condition, seconds=240):
     """Until something is there; fails when the process ends before."""
     end = time.monotonic() + seconds
     while not condition():
@@ -52,10 +52,12 @@ def path(tmp_path):
 
 @pytest.mark.slow
 def test_ctrl_c_ends_with_130_and_is_continued(path, tmp_path, whole):
+    held = small.hold(tmp_path, TRIALS // 2)
     process = small.start("study", "run", path, folder=tmp_path)
     wait_for(process, lambda: len(search_of(tmp_path)) >= 3)
     process.send_signal(small.signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=240)
+    held.unlink()
     assert process.returncode == 130
     assert "Stopped. Finished trials are kept; run the same command to continue." in err
     assert "Traceback" not in err
@@ -66,7 +68,6 @@ def test_ctrl_c_ends_with_130_and_is_continued(path, tmp_path, whole):
 
 KILLS, OF_POOLS = 48, 6
 CHEAP = {
-    "trials = 8": "trials = 240",
     "samples = 4096\nreplicates": "samples = 256\nreplicates",
     "size = 0.05": "size = 0.1",
 }
@@ -80,11 +81,13 @@ def test_fifty_kills_are_continued(tmp_path):
     Nothing that was heard of is lost or made twice, and in the end the table is that of a run that nobody interrupts.
     """
     moments, runs = random.Random(3), tmp_path / "runs"
-    path = small.write(tmp_path, CHEAP)
+    path = small.paused(tmp_path, 320, 0.0, CHEAP)
     environment = {"EIWA_THREADS": "1", "PYTHONPATH": str(Path(__file__).parents[2])}
     killed = Counter()
+    held = small.hold(tmp_path, 6)
     while sum(killed.values()) < OF_POOLS:
         kill_in_a_pool(path, tmp_path, moments, killed)
+    held.unlink()
     command = [sys.executable, "-m", "tests.study.killing", str(path), str(runs), str(KILLS), "1"]
     done = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -114,14 +117,14 @@ def kill_in_a_pool(path, folder, moments, killed):
     store = Store(folder / "runs/small")
     before = rows_of(store)
     process = small.start("study", "run", path, "--workers", "2", folder=folder, EIWA_THREADS="2")
-    wait_for(process, lambda: rows_of(store) > before, 240)
+    wait_for(process, lambda: rows_of(store) > before)
     time.sleep(moments.uniform(0.0, 0.3))
     newest = max(store.rows(), key=lambda r: r["started"])
     if moments.random() < 0.5:
         os.kill(newest["pid"], signal.SIGKILL)
         killed["worker"] += 1
         before = rows_of(store)
-        wait_for(process, lambda: rows_of(store) > before, 240)
+        wait_for(process, lambda: rows_of(store) > before)
     process.kill()
     process.communicate()
     killed["master"] += 1
@@ -129,12 +132,14 @@ def kill_in_a_pool(path, folder, moments, killed):
 
 @pytest.mark.slow
 def test_a_second_process_is_refused_and_the_first_is_not_disturbed(path, tmp_path, whole):
+    held = small.hold(tmp_path, TRIALS // 2)
     first = small.start("study", "run", path, folder=tmp_path)
     wait_for(first, lambda: len(search_of(tmp_path)) >= 2)
     first.send_signal(small.signal.SIGSTOP)
     said = [small.eiwa("study", "run", path, *option, folder=tmp_path) for option in ((), ("--fresh",))]
+    held.unlink()
     first.send_signal(small.signal.SIGCONT)
-    _, err = first.communicate(timeout=60)
+    _, err = first.communicate(timeout=240)
     for code, out, message in said:
         assert (code, out) == (2, "")
         assert f"this study is running in process {first.pid}" in message

@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 
 import optuna
 import pytest
@@ -14,6 +15,7 @@ from eiwa.study import journal, rows
 from eiwa.study.rows import VOLATILE, metric_column
 from eiwa.study.run import LEADERS, leaders
 from tests.study import small
+from tests.study.conftest import instead
 
 
 @pytest.fixture(scope="module")
@@ -445,3 +447,32 @@ def test_an_expression_without_a_value_fails_its_trial_alone(tmp_path, no_work):
     assert {r["parameters.odd"] for r in rows if r["state"] == "FAIL"} == {3.0}
     assert {r["parameters.odd"] for r in rows if r["state"] == "COMPLETE"} == {2.0, 4.0}
     assert all("division by zero" in r["message"] for r in rows if r["state"] == "FAIL")
+
+
+class Mute(Exception):
+    """Has no text."""
+
+    def __str__(self):
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("raised", "message"),
+    [
+        (RuntimeError(os.fsdecode(b"no file \xff")), r"RuntimeError: no file \udcff"),
+        (Mute(), "Mute: its text cannot be had (RuntimeError)"),
+        (SystemExit(3), "SystemExit: 3"),
+    ],
+    ids=["not Unicode", "no text", "sys.exit"],
+)
+def test_whatever_is_raised_fails_one_design(raised, message, tmp_path, monkeypatch):
+    failures = iter([raised])
+
+    def once(spec, overrides, replicates=1, *, parameters=None, named=False):
+        if not named and (error := next(failures, None)):
+            raise error
+        return instead(spec, overrides, replicates, parameters=parameters, named=named)
+
+    monkeypatch.setattr(rows, "evaluate", once)
+    found = of_kind(small.run(small.spec(), tmp_path), "trial")
+    assert [r["message"] for r in found] == [message, *[None] * 7]

@@ -1,8 +1,10 @@
 """Studies whose search is kept in a database: a real PostgreSQL server, and SQLite."""
 
 import sys
+import threading
 import time
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import optuna
@@ -10,6 +12,7 @@ import pytest
 
 from eiwa.core.errors import SpecError, StoreError
 from eiwa.core.spec import load
+from eiwa.study import storages
 from eiwa.study.run import Silent
 from eiwa.study.store import Store
 from tests.study import server, small
@@ -110,6 +113,28 @@ def test_a_study_of_the_same_name_is_not_mixed_in(storage, tmp_path, no_work):
     assert len(trials(storage, "other")) == len(trials(storage)) == 8
 
 
+def test_two_who_open_an_empty_database_at_once_make_its_tables_once(storage, monkeypatch):
+    inside, together, real = [], threading.Barrier(2), storages.RDBStorage
+
+    def slow(url):
+        inside.append(1)
+        time.sleep(0.1)
+        assert len(inside) == 1
+        found = real(url)
+        inside.pop()
+        return found
+
+    def opens(name):
+        together.wait(60)
+        with ExitStack() as stack:
+            storages._database(storage, name, stack)
+        return name
+
+    monkeypatch.setattr(storages, "RDBStorage", slow)
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(opens, ["one", "other"])) == ["one", "other"]
+
+
 def test_a_password_in_the_url_is_never_shown_or_stored(postgres, database, tmp_path, no_work, monkeypatch):
     monkeypatch.delenv("PGPASSWORD")
     url = postgres.url(database.rsplit("/", 1)[1], password=True)
@@ -159,9 +184,10 @@ def test_two_masters_of_one_study(storage, tmp_path):
     """In folders of their own, as on two machines: the second is refused while the first lives."""
     spec = small.paused(tmp_path, 40)
     settings = ["--set", f"execution.storage={storage}"]
+    held = small.hold(tmp_path, 20)
     first = small.start("study", "run", spec, "--runs", "first", *settings, folder=tmp_path)
     rows = Store(tmp_path / "first/small")
-    until = time.monotonic() + 60
+    until = time.monotonic() + 120
     while len(rows.parts) < 3:
         assert first.poll() is None, first.communicate()
         assert time.monotonic() < until
@@ -173,7 +199,8 @@ def test_two_masters_of_one_study(storage, tmp_path):
         assert f"in process {first.pid}" in err
     assert "Traceback" not in err
     first.kill()
-    first.communicate(timeout=60)
+    first.communicate(timeout=120)
+    held.unlink()
     code, _, err = small.eiwa("study", "run", spec, "--runs", "first", *settings, folder=tmp_path)
     assert code == 0, err
     assert small.results(rows) == small.results(small.run(load(spec), tmp_path / "clean"))

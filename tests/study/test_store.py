@@ -1,6 +1,7 @@
 """The folder of a study: whole parts, one process at a time, another spec refused, full and unwritable disks told."""
 
 import errno
+import fcntl
 import json
 import os
 import re
@@ -77,7 +78,8 @@ def test_an_atomic_write_that_fails_leaves_what_was_there(tmp_path, monkeypatch,
 
     monkeypatch.setattr(*((os, "fsync", full) if step == "fsync" else (Path, "replace", full)))
     message = refused(write_atomically, path, b"second")
-    assert "No space left on device. Free some space; finished trials are kept, run again to continue." in message
+    assert "No space left on device. Free some space, or " in message
+    assert "finished trials are kept, run again to continue." in message
     assert path.read_bytes() == b"first"
     assert files(tmp_path) == ["file"]
 
@@ -229,6 +231,22 @@ def test_being_refused_does_not_disturb_the_first(holder, tmp_path):
         assert str(holder.pid) in refused(small.run, small.spec(), tmp_path)
 
 
+def test_the_lock_of_a_folder_that_was_set_aside_is_not_taken_for_the_new_folders(tmp_path, monkeypatch):
+    """Two processes with --fresh at once: the second opens the lock, and then the first moves its folder away."""
+    store, flock = Store(tmp_path / "small"), fcntl.flock
+
+    def late(file, operation):
+        monkeypatch.setattr(fcntl, "flock", flock)
+        store.folder.rename(tmp_path / "small.old-1")
+        flock(file, operation)
+
+    monkeypatch.setattr(fcntl, "flock", late)
+    with store.locked():
+        assert (store.folder / "lock").read_text() == str(os.getpid())
+        with pytest.raises(StoreError, match="is running in process"), Store(store.folder).locked():
+            pass
+
+
 @pytest.mark.parametrize("end", ["stdin", "kill"])
 def test_the_lock_ends_with_its_holder(holder, tmp_path, no_work, end):
     holder.stdin.close() if end == "stdin" else holder.kill()
@@ -299,7 +317,7 @@ def disk(tmp_path):
     if not mounted(folder, "size=1m"):
         pytest.skip("a disk can be mounted by root only")
     yield folder
-    subprocess.run(["umount", str(folder)], check=True)
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
 
 
 def fill(disk, left):
@@ -327,7 +345,8 @@ def test_a_disk_that_fills_up(disk, tmp_path, no_work, trials, left):
     """The run stops with what to do; with space again it completes to what a clean run gives."""
     spec = small.spec({"trials = 8": "trials = 16"})
     message = refused(small.run, spec, disk, FillAfter(disk, trials, left))
-    assert "No space left on device. Free some space; finished trials are kept, run again to continue." in message
+    assert "No space left on device. Free some space, or " in message
+    assert "finished trials are kept, run again to continue." in message
     (disk / "filler").unlink()
     assert small.results(small.run(spec, disk)) == small.results(small.run(spec, tmp_path / "clean"))
 

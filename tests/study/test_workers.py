@@ -82,7 +82,7 @@ def ended(pid):
         return True
 
 
-def wait_until(condition, seconds=20):
+def wait_until(condition, seconds=120):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end
@@ -263,15 +263,16 @@ def search_rows(folder):
 def test_workers_end_with_their_master(tmp_path, end):
     """Ctrl-C reaches all processes of a terminal, and only the master answers; a killed one answers nothing."""
     path = paused(tmp_path / "study", 200)
+    small.hold(path.parent, 8)
     process = small.start("study", "run", path, "--workers", "2", folder=tmp_path, start_new_session=True)
-    wait_until(lambda: len(search_rows(tmp_path)) >= 4, 60)
+    wait_until(lambda: len(search_rows(tmp_path)) >= 4)
     workers = {r["pid"] for r in search_rows(tmp_path)}
     assert process.pid not in workers
     if end is signal.SIGINT:
         os.killpg(process.pid, end)
     else:
         process.send_signal(end)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=120)
     assert process.returncode == (130 if end is signal.SIGINT else -9)
     assert out == ""
     assert "Traceback" not in err
