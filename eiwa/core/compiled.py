@@ -7,7 +7,10 @@ preferred where the processor has them, which must be said before numba compiles
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import fcntl
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, TypeVar
 
 import numba
@@ -38,8 +41,52 @@ numba.config.CPU_NAME, numba.config.CPU_FEATURES = cpu()
 def compiled(function: F) -> F:
     """Compile without the GIL and cache on disk."""
     options = {"nogil": True, "cache": True, "fastmath": FASTMATH, "error_model": "numpy"}
-    decorated: F = numba.njit(**options)(function)
-    return decorated
+    decorated: Any = numba.njit(**options)(function)
+    _share(decorated._cache)
+    return decorated  # type: ignore[no-any-return]
+
+
+def _share(cache: Any) -> None:
+    """Let processes use numba's cache at the same time, and nobody depend on it.
+
+    numba puts a file's name into its index before it writes the file, and two processes may choose the same name: one
+    at a time, they do not. What cannot be read, as after a power loss, is compiled again; what cannot be written, as on
+    a full disk, is not kept.
+    """
+    load, save = cache.load_overload, cache.save_overload
+
+    def read(*signature: Any) -> Any:
+        with _turn(cache.cache_path):
+            try:
+                return load(*signature)
+            # Unpickling what is left of a file can raise anything.
+            except Exception:
+                with suppress(OSError):
+                    cache.flush()
+                return None
+
+    def write(*overload: Any) -> None:
+        with _turn(cache.cache_path), suppress(OSError):
+            save(*overload)
+
+    cache.load_overload, cache.save_overload = read, write
+
+
+_in_turn: set[str] = set()
+
+
+@contextmanager
+def _turn(folder: str) -> Iterator[None]:
+    """Be the only process that uses a folder of compiled code, where it can be written at all; may be nested."""
+    with ExitStack() as stack:
+        if folder not in _in_turn:
+            with suppress(OSError):
+                os.makedirs(folder, exist_ok=True)
+                lock = stack.enter_context(open(os.path.join(folder, "lock"), "a"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                _in_turn.add(folder)
+                stack.callback(_in_turn.discard, folder)
+        yield
 
 
 @intrinsic  # type: ignore[untyped-decorator]
