@@ -7,7 +7,7 @@ import time
 import uuid
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 from eiwa.core.errors import EiwaError, ExecutionError, finding
@@ -61,19 +61,32 @@ class Cluster:
         """Rows as the cluster finishes them."""
         self._parcel = self._parcel or packed(self._spec)
         run, threads = uuid.uuid4().hex[:8], self._spec.execution.threads
-        waiting = {
-            self._client.submit(
-                evaluated, self._parcel, task, threads, key=f"eiwa-{task.label}-{run}", pure=False
-            ): task
-            for task in tasks
-        }
+        waiting: dict[Any, Task] = {}
         try:
+            with self._reached():
+                for task in tasks:
+                    key = f"eiwa-{task.label}-{run}"
+                    future = self._client.submit(evaluated, self._parcel, task, threads, key=key, pure=False)
+                    waiting[future] = task
             while waiting:
-                finished = [self._row(waiting.pop(future), future) for future in self._done(list(waiting))]
-                self._watch()
+                with self._reached():
+                    finished = [self._row(waiting.pop(future), future) for future in self._done(list(waiting))]
+                    self._watch()
                 yield finished
         finally:
-            self._client.cancel(list(waiting))
+            with suppress(CancelledError, OSError):
+                self._client.cancel(list(waiting))
+
+    @contextmanager
+    def _reached(self) -> Iterator[None]:
+        """Turn what is lost with the scheduler into an ExecutionError."""
+        try:
+            yield
+        except (CancelledError, OSError):  # the client gives up all futures when its connection is lost
+            raise ExecutionError(
+                f"execution.scheduler = {self._spec.execution.scheduler!r}: the scheduler went away. Start it again; "
+                "finished trials are kept, run again to continue."
+            ) from None
 
     def _done(self, futures: Sequence[Any]) -> Sequence[Any]:
         from distributed import wait
@@ -95,13 +108,8 @@ class Cluster:
             message = f"its worker died at every attempt; the last was {error.last_worker.address}"
             self._say(f"{task.label}: {message}; it has failed.")
             return failed(self._spec, task, message)
-        except EiwaError:
+        except (EiwaError, CancelledError):
             raise
-        except CancelledError:
-            raise ExecutionError(
-                f"execution.scheduler = {self._spec.execution.scheduler!r}: the scheduler went away. Start it again; "
-                "finished trials are kept, run again to continue."
-            ) from None
         # Whatever else a cluster raises is not about the design, which row() would have told.
         except Exception as error:
             raise ExecutionError(
@@ -110,7 +118,10 @@ class Cluster:
 
     def _watch(self) -> None:
         """Tell of workers that left, and when there are none."""
-        workers = set(self._client.scheduler_info(n_workers=-1)["workers"])
+        known = self._client.scheduler_info(n_workers=-1)
+        if "workers" not in known:
+            raise ConnectionError
+        workers = set(known["workers"])
         for address in sorted(self._workers - workers):
             self._say(f"The Dask worker {address} is gone; what it had is tried again by others.")
         self._workers = workers

@@ -70,6 +70,7 @@ def reading_only(app: Any) -> Any:
     """A WSGI application that refuses every request that would change something, with the reason."""
 
     def guarded(environ: dict[str, Any], start_response: Callable[..., Any]) -> Iterable[bytes]:
+        environ.setdefault("HTTP_ACCEPT_ENCODING", "")  # optuna-dashboard fails without this header, as from curl
         if environ["REQUEST_METHOD"] in ("GET", "HEAD"):
             answer: Iterable[bytes] = app(environ, start_response)
             return answer

@@ -172,7 +172,7 @@ class Run:
     def _leaders(self, executor: Executor) -> None:
         """The best trials, with all replicates."""
         full = self.spec.design({}).tables["sampling"].replicates  # type: ignore[attr-defined]
-        present = {r["number"] for r in self.rows if r["kind"] == "leader"}
+        present = {r["number"] for r in self.rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
         best = [(r["number"], parameters(r)) for r in leaders(self.spec, list(self._trials.values()))]
         missing = [
             Task("leader", self.spec.overrides(values), full, number=number, parameters=values)

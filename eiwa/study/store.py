@@ -209,7 +209,7 @@ class Store:
         """
         while True:
             with suppress(FileNotFoundError):  # gathered by a running study since its name was read
-                return _in_order(_joined([_read(part) for part in self.parts]))
+                return _in_order(_once(_joined([_read(part) for part in self.parts])))
 
     def rows(self) -> list[Row]:
         """All rows as dictionaries."""
@@ -246,6 +246,18 @@ def _joined(tables: Sequence[pa.Table]) -> pa.Table:
         return pa.table({})
     whole = pa.concat_tables(tables, promote_options="default")
     return whole.replace_schema_metadata(tables[-1].schema.metadata)
+
+
+def _once(table: pa.Table) -> pa.Table:
+    """Each row once, though its part was copied, or put back after its trials had been evaluated again."""
+    if not table.num_rows:
+        return table
+    trial = pc.equal(table["kind"], "trial")
+    started = pc.if_else(trial, pa.scalar(None, table["started"].type), table["started"])
+    keys = {"kind": table["kind"], "name": table["name"], "number": table["number"], "started": started}
+    rows = pa.table({**keys, "row": pa.array(range(table.num_rows))})
+    first = rows.group_by(list(keys), use_threads=False).aggregate([("row", "min")])["row_min"]
+    return table if len(first) == table.num_rows else table.take(first.sort())
 
 
 def _in_order(table: pa.Table) -> pa.Table:

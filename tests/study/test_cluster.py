@@ -13,6 +13,7 @@ from distributed import Client
 from eiwa.core.errors import ExecutionError, SpecError
 from eiwa.core.spec import load
 from eiwa.study.run import Silent
+from eiwa.study.store import Store
 from tests.study import small
 from tests.study.test_workers import ROOT, Said, paused
 
@@ -42,10 +43,8 @@ def end(process):
     process.wait()
 
 
-@pytest.fixture(scope="module")
-def scheduler(tmp_path_factory):
-    """The address of a scheduler without workers."""
-    folder = tmp_path_factory.mktemp("scheduler")
+def scheduling(folder):
+    """A scheduler without workers: its process and its address."""
     file = folder / "address.json"
     process = begun(
         folder, "scheduler", "scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file)
@@ -55,7 +54,14 @@ def scheduler(tmp_path_factory):
         assert process.poll() is None, (folder / "scheduler/log").read_text()
         assert time.monotonic() < until
         time.sleep(0.05)
-    yield json.loads(file.read_text())["address"]
+    return process, json.loads(file.read_text())["address"]
+
+
+@pytest.fixture(scope="module")
+def scheduler(tmp_path_factory):
+    """The address of a scheduler without workers."""
+    process, address = scheduling(tmp_path_factory.mktemp("scheduler"))
+    yield address
     end(process)
 
 
@@ -97,6 +103,26 @@ def test_a_cluster_gives_the_same_rows_though_a_worker_is_killed(path, serial, s
     assert any("is gone; what it had is tried again by others." in message for message in killer.messages)
     assert small.results(store) == serial
     assert {r["pid"] for r in store.rows()} <= pids
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_is_told_and_the_study_goes_on(path, serial, tmp_path):
+    process, address = scheduling(tmp_path)
+    helper = worker(tmp_path, "helper", address)
+
+    class Killer(Silent):
+        def __call__(self, stage, row):
+            if stage == "search":
+                end(process)
+
+    try:
+        with pytest.raises(ExecutionError, match=rf"'{address}': the scheduler went away. Start it again"):
+            small.run(load(path, settings(address)), tmp_path / "runs", Killer())
+    finally:
+        end(helper)
+    before = len(Store(tmp_path / "runs/small").rows())
+    assert 0 < before < len(serial)
+    assert small.results(small.run(load(path), tmp_path / "runs")) == serial
 
 
 @pytest.mark.slow

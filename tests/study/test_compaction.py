@@ -14,7 +14,14 @@ from eiwa.study.rows import VERSION, schema
 from eiwa.study.store import Store
 from tests.study import small
 
-COLUMNS = pa.schema([("kind", pa.string()), ("number", pa.int64()), ("F", pa.float64())])
+COLUMNS = pa.schema(
+    [
+        *((name, pa.string()) for name in ("kind", "name")),
+        ("number", pa.int64()),
+        ("F", pa.float64()),
+        ("started", pa.timestamp("us", tz="UTC")),
+    ]
+)
 
 
 @pytest.fixture
@@ -29,7 +36,10 @@ def write(store, *numbers, columns=COLUMNS):
 
 
 def numbers(store):
-    return [r["number"] for r in store.rows()]
+    """Of the rows, each of which is in one part only."""
+    found = [r["number"] for r in store.rows()]
+    assert sorted(n for part in store.parts for n in pq.read_table(part)["number"].to_pylist()) == sorted(found)
+    return found
 
 
 def names(store):
@@ -88,7 +98,7 @@ def test_a_column_that_comes_later(store):
     write(store, 0)
     write(store, 1, columns=COLUMNS.append(pa.field("more", pa.float64())))
     store.compact()
-    assert store.table().column_names == ["kind", "number", "F", "more"]
+    assert store.table().column_names == [*COLUMNS.names, "more"]
     assert numbers(store) == [0, 1]
 
 

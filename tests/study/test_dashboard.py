@@ -1,5 +1,6 @@
 """The page of a study: its rows as Optuna's readers see them, and nothing that can be changed."""
 
+import http.client
 import io
 import json
 import threading
@@ -302,6 +303,17 @@ def detail(page):
     """What the page in the browser asks for."""
     with served(page) as address, urllib.request.urlopen(f"{address}/api/studies/0") as answer:
         return json.load(answer)
+
+
+def test_a_request_without_the_headers_of_a_browser(ran):
+    spec, folder = ran
+    page, _ = page_of(spec, folder)
+    with served(page) as address:
+        connection = http.client.HTTPConnection(address.removeprefix("http://"), timeout=60)
+        connection.putrequest("GET", "/favicon.ico", skip_accept_encoding=True)
+        connection.endheaders()
+        assert connection.getresponse().status == 200
+        connection.close()
 
 
 def test_the_browser_is_told_names_constraints_notes_and_figures(ran):

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from eiwa.core.spec import load
@@ -100,7 +101,8 @@ def test_fifty_kills_are_continued(tmp_path):
     before = Store(runs / "small").rows()
     assert finish(tmp_path, path) == small.results(small.run(load(path), tmp_path / "clean"))
     rows = Store(runs / "small").rows()
-    made = Counter((r["kind"], r["name"], r["number"]) for r in rows)
+    stored = [r for part in Store(runs / "small").parts for r in pq.read_table(part).to_pylist()]
+    made = Counter((r["kind"], r["name"], r["number"]) for r in stored)
     assert set(made.values()) == {1}
     by = {(r["kind"], r["name"], r["number"]): r["pid"] for r in rows}
     assert len(heard) > 20

@@ -449,6 +449,23 @@ def test_an_expression_without_a_value_fails_its_trial_alone(tmp_path, no_work):
     assert all("division by zero" in r["message"] for r in rows if r["state"] == "FAIL")
 
 
+def test_a_leader_that_failed_is_tried_again(tmp_path, monkeypatch):
+    """Its worker may have died of something that is over; the trial itself is as good as it was."""
+
+    def only_trials(spec, overrides, replicates=1, *, parameters=None, named=False):
+        if replicates > 1 and not named:
+            raise MemoryError
+        return instead(spec, overrides, replicates, parameters=parameters, named=named)
+
+    monkeypatch.setattr(rows, "evaluate", only_trials)
+    store = small.run(small.spec(), tmp_path)
+    assert [r["state"] for r in of_kind(store, "leader")] == ["FAIL"] * 3
+    monkeypatch.setattr(rows, "evaluate", instead)
+    for _ in range(2):
+        small.run(small.spec(), tmp_path)
+        assert [r["state"] for r in of_kind(store, "leader")] == ["FAIL"] * 3 + ["COMPLETE"] * 3
+
+
 class Mute(Exception):
     """Has no text."""
 

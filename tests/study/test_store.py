@@ -5,10 +5,12 @@ import fcntl
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from eiwa.core.errors import StoreError
@@ -197,6 +199,25 @@ def test_old_results_are_set_aside_under_numbers(finished, tmp_path):
 
 def test_there_may_be_nothing_to_set_aside(tmp_path):
     assert Store(tmp_path / "small").set_aside() is None
+
+
+def test_a_part_that_was_copied_counts_once(finished):
+    before = finished.rows()
+    for part, number in ((finished.parts[0], 90), (finished.parts[-1], 91)):
+        shutil.copy(part, part.with_name(f"part-{number:06d}.parquet"))
+    assert finished.rows() == before
+
+
+def test_a_part_that_is_put_back_counts_once(finished, tmp_path, no_work, loose):
+    """Its trials were evaluated again meanwhile."""
+    folder = small.run(small.spec(), tmp_path / "loose").folder
+    store = Store(folder)
+    before = small.results(store)
+    part = next(p for p in store.parts if "trial" in pq.read_table(p)["kind"].to_pylist())
+    part.rename(tmp_path / part.name)
+    small.run(small.spec(), tmp_path / "loose")
+    (tmp_path / part.name).rename(part)
+    assert small.results(store) == before
 
 
 # One process at a time
