@@ -6,6 +6,8 @@ import _thread
 import os
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import typer
 
@@ -38,14 +40,24 @@ def _version(show: bool = typer.Option(False, "--version", help="Print the versi
         raise typer.Exit
 
 
-def press_again(lost: sys.UnraisableHookArgs) -> None:
-    """A Ctrl-C that a callback has swallowed, of which numba's compiler has some, comes again a moment later."""
-    if not issubclass(lost.exc_type, KeyboardInterrupt):
-        sys.__unraisablehook__(lost)
-        return
-    again = threading.Timer(0.1, _thread.interrupt_main)
-    again.daemon = True
-    again.start()
+@contextmanager
+def ctrl_c_comes_again() -> Iterator[None]:
+    """A Ctrl-C that a callback swallows, of which numba's compiler has some, comes again a moment later."""
+    before = sys.unraisablehook
+
+    def hook(lost: sys.UnraisableHookArgs) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            before(lost)
+            return
+        again = threading.Timer(0.1, _thread.interrupt_main)
+        again.daemon = True
+        again.start()
+
+    sys.unraisablehook = hook
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def main() -> None:
@@ -54,9 +66,9 @@ def main() -> None:
         sys.exit("eiwa runs on Linux and macOS.")
     from eiwa.core.errors import EiwaError
 
-    sys.unraisablehook = press_again
     try:
-        app()
+        with ctrl_c_comes_again():
+            app()
     except EiwaError as error:
         from eiwa.cli.console import fail
 

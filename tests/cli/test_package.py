@@ -73,17 +73,17 @@ def test_a_run_prints_nothing(tmp_path, capfd):
 
 LOST = """
 import ctypes, sys, time
-from eiwa.cli import press_again
-sys.unraisablehook = press_again
+from eiwa.cli import ctrl_c_comes_again
 
 @ctypes.CFUNCTYPE(None)
 def callback():
     raise KeyboardInterrupt
 
 try:
-    callback()
-    print("it was lost")
-    time.sleep(60)
+    with ctrl_c_comes_again():
+        callback()
+        print("it was lost")
+        time.sleep(60)
 except KeyboardInterrupt:
     print("it came again")
 """
