@@ -10,6 +10,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -59,6 +60,14 @@ def err() -> Any:
     from rich.console import Console
 
     return Console(stderr=True, highlight=False, width=None if sys.stderr.isatty() else 80)
+
+
+def require_drawable(figure: str | None) -> None:
+    """Refuse, before any work, a ``--figure`` that could not be drawn."""
+    if figure:
+        from eiwa.report.figure import require
+
+        require(Path(figure))
 
 
 def print_json(value: Any) -> None:
