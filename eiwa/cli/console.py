@@ -34,6 +34,14 @@ def called() -> str:
     return min(os.path.relpath(program), program, key=len)
 
 
+def pip() -> str:
+    """What to write for ``pip`` to install into this environment, whether or not it is activated."""
+    beside = os.path.join(os.path.dirname(sys.executable), "pip")
+    if shutil.which("pip") == beside or not os.path.exists(beside):
+        return "pip"
+    return min(os.path.relpath(beside), beside, key=len)
+
+
 def settings(pairs: list[str] | None) -> dict[str, Any]:
     """``--set`` options as paths and values; a value is read as TOML, and as a string where it is not."""
     values = {}
@@ -90,6 +98,7 @@ def fail(error: EiwaError) -> NoReturn:
     console = err()
     findings = error.findings if isinstance(error, SpecError) else str(error).split("\n")
     for line in findings:
+        line = line.replace("pip install", f"{pip()} install")
         console.print(line, style="red", markup=False, soft_wrap=True)
     sys.exit(2)
 

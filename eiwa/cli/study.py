@@ -22,6 +22,7 @@ from eiwa.cli.console import (
     err,
     listen_to_log,
     out,
+    pip,
     print_json,
     resumable,
     settings,
@@ -239,7 +240,7 @@ def _next(spec: StudySpec, store: Store, study: str, set_: list[str] | None, bes
         lines.append(f"  the Pareto front  {shlex.join([called(), 'study', 'pareto', study, *options])}")
     lines.append(f"  in the browser    {shlex.join([called(), 'study', 'dashboard', study, *options])}")
     if find_spec("optuna_dashboard") is None:
-        lines.append("                    (first: pip install 'eiwa[dashboard]')")
+        lines.append(f"                    (first: {pip()} install 'eiwa[dashboard]')")
     design = ["--design", best] if best else []
     drawn = shlex.join([called(), "evaluate", study, *design, *options])
     lines.append(f"  the best design   {drawn} --figure workspace.png")

@@ -8,6 +8,7 @@ from typing import Any
 
 from eiwa.core.spec import StudySpec
 from eiwa.report.figure import OTHERS, _figure, _save
+from eiwa.study.pareto import goal_of
 from eiwa.study.sensitivity import Effect
 
 
@@ -24,7 +25,8 @@ def draw(spec: StudySpec, effects: Sequence[Effect], path: Path, title: str) -> 
     panels = figure.subplots(1, count, squeeze=False)[0]
     for k, panel in enumerate(panels):
         _panel(panel, effects, k)
-        panel.set_xlabel(f"change of {spec.objectives[k].label}", fontsize=8)
+        unit = goal_of(spec, k).unit
+        panel.set_xlabel(f"change of {spec.objectives[k].label}" + (f" [{unit}]" if unit else ""), fontsize=8)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=7, frameon=False)
     figure.suptitle(f"One variable at a time, around {title}", fontsize=9)

@@ -149,7 +149,7 @@ def test_a_terminal_without_unicode(tmp_path):
         ({}, "mine.py provides the arm plugin 'broken' twice: remove one of them"),
         ({"def eiwa_arms": "def eiwa_arm"}, "eiwa_arm: there is no such hook; did you mean 'eiwa_arms'?"),
         ({"return [Plugin(": "return [("}, "eiwa_arms must return a list of Plugin records, not a tuple"),
-        ({"class Broken(": "from nowhere import nothing\nclass Broken("}, "No module named 'nowhere' (line 10)"),
+        ({"class Broken(": "from nowhere import nothing\nclass Broken("}, "No module named 'nowhere' (line 9)"),
     ],
 )
 def test_a_plugin_file_that_is_none(changed, words, cli, path, tmp_path):
