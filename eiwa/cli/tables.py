@@ -70,11 +70,11 @@ def _ranking(spec: StudySpec, rows: Sequence[Row]) -> tuple[list[tuple[str, Row]
     best = leaders(spec, rows)
     full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
     shown = [(r["name"], r) for r in designs(spec, rows)]
-    shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
     if ranked(spec):
         sign = -1.0 if spec.objectives[0].direction == "maximize" else 1.0
         shown.sort(key=lambda item: sign * item[1]["objectives.0"])
-    first = len(shown) - len(best) if best else 0
+    first = len(shown) if best else 0
+    shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
     return shown, shown[first][1] if best or (ranked(spec) and shown) else None, first
 
 

@@ -78,6 +78,8 @@ class Run:
         EiwaError
             The folder, the storage or the workers cannot be used, or designs keep failing.
         """
+        if self.target:
+            require(self.spec)
         with self.store.locked(), executor_of(self.spec, self.listen.say) as executor:
             self.store.open(self.spec)
             self.rows, self._trials = [], {}
@@ -85,7 +87,6 @@ class Run:
             before = len(self.rows)
             self._designs(executor)
             if self.target:
-                require(self.spec)
                 if line := announced(self.spec):
                     self.listen.say(line)
                 with opened(self.spec, self.store) as storage:
