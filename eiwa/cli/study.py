@@ -233,8 +233,8 @@ def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
 
 
 def _next(spec: StudySpec, store: Store, study: str, set_: list[str] | None, best: str | None) -> list[str]:
-    options = ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
-    options += [word for pair in set_ or [] for word in ("--set", pair)]
+    folder = ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
+    options = [*folder, *(word for pair in set_ or [] for word in ("--set", pair))]
     lines = ["Where to look next:", f"  every evaluation  {store.folder / 'trials'}/*.parquet"]
     if len(spec.objectives) > 1 and spec.study.trials:
         lines.append(f"  the Pareto front  {shlex.join([called(), 'study', 'pareto', study, *options])}")
@@ -242,6 +242,7 @@ def _next(spec: StudySpec, store: Store, study: str, set_: list[str] | None, bes
     if find_spec("optuna_dashboard") is None:
         lines.append(f"                    (first: {pip()} install 'eiwa[dashboard]')")
     design = ["--design", best] if best else []
-    drawn = shlex.join([called(), "evaluate", study, *design, *options])
+    design += [word for pair in set_ or [] if not pair.startswith("execution.") for word in ("--set", pair)]
+    drawn = shlex.join([called(), "evaluate", study, *design, *folder])
     lines.append(f"  the best design   {drawn} --figure workspace.png")
     return lines

@@ -58,9 +58,9 @@ def apart(found: Apart) -> str:
     ]
     return "\n".join(
         [
-            "F = 0: nothing dexterous lies where hands are comfortable. In the operator frame [m]:",
+            "F = 0: nothing dexterous lies where hands are comfortable. In W [m]:",
             *lines,
-            "Look at the [layout], and at the arm's lengths [m], angles and limits; a high threshold does the same.",
+            "Check [layout], the arm's lengths [m], angles and limits, and the threshold.",
         ]
     )
 

@@ -328,7 +328,9 @@ def merge(best: Any, elites: Any, rows: Any, found: Any, occupied: Any, count: A
     return count
 
 
-def _by_arrays(family: Family, frozen: tuple[NDArray[Any], ...], stream: Stream, dtype: np.dtype[Any]) -> Callable[..., int]:
+def _by_arrays(
+    family: Family, frozen: tuple[NDArray[Any], ...], stream: Stream, dtype: np.dtype[Any]
+) -> Callable[..., int]:
     """Proposal, kinematics, indices and comparison of n candidates, for plugins in plain NumPy."""
     dof, key = family.arm.dof, np.uint64(stream.key)
 
@@ -342,7 +344,9 @@ def _by_arrays(family: Family, frozen: tuple[NDArray[Any], ...], stream: Stream,
     return evaluate
 
 
-def _fused(family: Family, frozen: tuple[NDArray[Any], ...], stream: Stream, dtype: np.dtype[Any]) -> Callable[..., int]:
+def _fused(
+    family: Family, frozen: tuple[NDArray[Any], ...], stream: Stream, dtype: np.dtype[Any]
+) -> Callable[..., int]:
     """The same as one kernel."""
     dof = family.arm.dof
     raws = ", ".join(f"columns[{dof + 3 + m}]" for m in range(len(family.members)))
