@@ -13,7 +13,7 @@ import threading
 import time
 import tomllib
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import wraps
@@ -76,7 +76,7 @@ class Clock(Silent):
     def say(self, line: str) -> None:
         """Nothing."""
 
-    def begin(self, stage: str, total: int, done: int) -> None:
+    def begin(self, stage: str, total: int, done: int, known: Iterable[Row] = ()) -> None:
         """The search starts, or it is over.
 
         Raises

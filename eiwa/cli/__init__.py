@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import _thread
+import codecs
 import os
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 
 import typer
 
 from eiwa.cli import bench, converge, evaluate, plugins, schema, study
 
+SPELLED = {"±": "+-", "−": "-", "·": "*", "²": "^2", "≤": "<=", "≥": ">=", "…": ".", "─": "-", "━": "-"}
 app = typer.Typer(
     name="eiwa",
     help="Which link lengths, base spacing and placement give operators the largest dexterous workspace "
@@ -60,21 +63,37 @@ def ctrl_c_comes_again() -> Iterator[None]:
         sys.unraisablehook = before
 
 
+def _spelled(error: UnicodeError) -> tuple[str, int]:
+    """What a terminal that is not told to speak Unicode shows for a character that it lacks."""
+    assert isinstance(error, UnicodeEncodeError)
+    return "".join(SPELLED.get(c, "?") for c in error.object[error.start : error.end]), error.end
+
+
 def main() -> None:
     """Run the command line; errors that eiwa raises on purpose end with their message and exit code 2."""
     if sys.platform not in ("linux", "darwin"):
         sys.exit("eiwa runs on Linux and macOS.")
+    from eiwa.cli.console import fail
     from eiwa.core.errors import EiwaError
 
+    codecs.register_error("eiwa", _spelled)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="eiwa")
+    wanted = os.environ.get("EIWA_THREADS") or "1"
+    if not wanted.isdigit() or int(wanted) < 1:
+        fail(EiwaError(f"EIWA_THREADS = {wanted!r}: must be a whole number above 0. Unset it to use all processors."))
     try:
         with ctrl_c_comes_again():
             app()
     except EiwaError as error:
-        from eiwa.cli.console import fail
-
         fail(error)
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except OSError as error:
+        if error.filename is None:
+            raise
+        fail(EiwaError(f"{error.filename}: {error.strerror}. Choose another place, or free this one."))

@@ -42,9 +42,7 @@ def bench(
 
     for name in what or ():
         if name not in WEIGHTS:
-            raise EiwaError(
-                f"{name}: cannot be measured{did_you_mean(name, WEIGHTS)}; choose from {', '.join(WEIGHTS)}"
-            )
+            raise EiwaError(f"{name}: cannot be measured{did_you_mean(name, WEIGHTS)}")
     asked = [name for name in WEIGHTS if not what or name in what]
     listen_to_log()
     where = measure.machine()

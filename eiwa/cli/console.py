@@ -10,6 +10,7 @@ import sys
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -31,6 +32,14 @@ def called() -> str:
     if os.path.basename(program) != "eiwa" or shutil.which("eiwa"):
         return "eiwa"
     return min(os.path.relpath(program), program, key=len)
+
+
+def pip() -> str:
+    """What to write for ``pip`` to install into this environment, whether or not it is activated."""
+    beside = os.path.join(os.path.dirname(sys.executable), "pip")
+    if shutil.which("pip") == beside or not os.path.exists(beside):
+        return "pip"
+    return min(os.path.relpath(beside), beside, key=len)
 
 
 def settings(pairs: list[str] | None) -> dict[str, Any]:
@@ -61,6 +70,14 @@ def err() -> Any:
     return Console(stderr=True, highlight=False, width=None if sys.stderr.isatty() else 80)
 
 
+def require_drawable(figure: str | None) -> None:
+    """Refuse, before any work, a ``--figure`` that could not be drawn."""
+    if figure:
+        from eiwa.report.figure import require
+
+        require(Path(figure))
+
+
 def print_json(value: Any) -> None:
     """One JSON object on stdout."""
     print(json.dumps(value, indent=1, default=str, allow_nan=False))
@@ -81,6 +98,7 @@ def fail(error: EiwaError) -> NoReturn:
     console = err()
     findings = error.findings if isinstance(error, SpecError) else str(error).split("\n")
     for line in findings:
+        line = line.replace("pip install", f"{pip()} install")
         console.print(line, style="red", markup=False, soft_wrap=True)
     sys.exit(2)
 

@@ -9,7 +9,17 @@ from typing import Annotated
 
 import typer
 
-from eiwa.cli.console import AsJson, Settings, StudyFile, err, listen_to_log, out, print_json, settings
+from eiwa.cli.console import (
+    AsJson,
+    Settings,
+    StudyFile,
+    err,
+    listen_to_log,
+    out,
+    print_json,
+    require_drawable,
+    settings,
+)
 
 
 def converge(
@@ -30,6 +40,7 @@ def converge(
     from eiwa.study.compare import overrides_of
     from eiwa.study.converge import COUNTS, points, recommendation, sizes
 
+    require_drawable(figure)
     listen_to_log()
     spec = load(Path(study), settings(set_))
     overrides = overrides_of(spec, design, []) if design else {}

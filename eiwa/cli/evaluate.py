@@ -8,12 +8,25 @@ from typing import Annotated
 
 import typer
 
-from eiwa.cli.console import AsJson, Settings, StudyFile, err, listen_to_log, out, print_json, settings
+from eiwa.cli.console import (
+    AsJson,
+    Runs,
+    Settings,
+    StudyFile,
+    err,
+    listen_to_log,
+    out,
+    print_json,
+    require_drawable,
+    settings,
+)
 
 
 def evaluate(
     study: StudyFile,
-    design: Annotated[str | None, typer.Option("--design", metavar="NAME", help="A named design of the study.")] = None,
+    design: Annotated[
+        str | None, typer.Option("--design", metavar="NAME", help="A named design, or 'trial N'.")
+    ] = None,
     set_: Settings = None,
     replicates: Annotated[
         int | None,
@@ -23,23 +36,26 @@ def evaluate(
         str | None,
         typer.Option("--figure", metavar="FILE", help="Draw the interaction workspace (png, pdf, svg)."),
     ] = None,
+    runs: Runs = "runs",
     as_json: AsJson = False,
 ) -> None:
-    """Evaluate one design: the study file's own values, or a named design's, with --set on top."""
-    from eiwa.cli import tables
+    """Evaluate one design: the study file's own values, a named design's or a trial's, with --set on top."""
+    from eiwa.cli import tables, trust
     from eiwa.core.design import SECTIONS
-    from eiwa.core.errors import SpecError
     from eiwa.core.outcome import evaluate as outcome_of
     from eiwa.core.spec import load
-    from eiwa.core.tree import did_you_mean
+    from eiwa.study.compare import overrides_of
+    from eiwa.study.estimate import apart
     from eiwa.study.rows import adjustable
+    from eiwa.study.store import Store
 
+    require_drawable(figure)
     listen_to_log()
     put = settings(set_)
     spec = load(Path(study), put)
-    if design is not None and design not in spec.designs:
-        raise SpecError(f"--design {design}: the study has no such design{did_you_mean(design, spec.designs)}")
-    overrides = dict(spec.designs[design].overrides) if design else {}
+    store = Store(Path(runs) / spec.study.name)
+    rows = store.rows() if design not in {None, *spec.designs} and store.exists() else []
+    overrides = {} if design is None else dict(overrides_of(spec, design, rows))
     overrides |= {path: value for path, value in put.items() if "." in path and path.split(".")[0] in SECTIONS}
     tables_of = spec.design(overrides).tables["sampling"]
     count = replicates or tables_of.replicates  # type: ignore[attr-defined]
@@ -47,7 +63,7 @@ def evaluate(
     if figure:
         from eiwa.report.figure import draw
 
-        draw(spec, overrides, Path(figure), title=design or "")
+        draw(spec, overrides, Path(figure), title=(design or spec.study.name) + (", changed by --set" if put else ""))
         err().print(f"Drew {figure}.", markup=False)
     if as_json:
         objectives = {o.label: v for o, v in zip(spec.objectives, outcome.objectives, strict=True)}
@@ -73,6 +89,8 @@ def evaluate(
     console.print(tables.metrics(spec, outcome.scenarios, title))
     if adjustable(spec):
         console.print(tables.operators(spec, outcome.operators))
+    if not outcome.scenarios[""]["F"]:
+        console.print(trust.apart(apart(spec, overrides)), markup=False)
     for constraint, violation in zip(spec.constraints, outcome.violations, strict=True):
         if violation is None:
             state = "reads variables, which this design does not have"

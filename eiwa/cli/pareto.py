@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, out, print_json, settings
+from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, out, print_json, require_drawable, settings
 from eiwa.core.errors import EiwaError
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def pareto(
     from eiwa.study.pareto import pareto as pareto_of
     from eiwa.study.store import Store
 
+    require_drawable(figure)
     spec, store = results(study, runs, settings(set_))
     found = pareto_of(spec, [store, *(Store(Path(other)) for other in others or [])], objectives)
     if figure:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,14 +21,12 @@ def results(study: str, runs: str, settings: Mapping[str, Any]) -> tuple[StudySp
     StoreError
         There are no results yet.
     """
-    from eiwa.core.errors import StoreError
     from eiwa.core.spec import load
     from eiwa.study.store import Store
 
     spec = load(Path(study), settings)
     store = Store(Path(runs) / spec.study.name)
-    if not store.exists():
-        raise StoreError(f"{store.folder}: has no results yet. Run: eiwa study run {shlex.quote(study)}")
+    store.require(study)
     if changed := store.changes(spec):
         console = err()
         console.print(

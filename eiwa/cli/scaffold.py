@@ -26,7 +26,9 @@ def new(kind: str, name: str, folder: Path, *, package: bool, study: bool) -> li
     """
     if kind not in KINDS:
         raise SpecError(f"{kind}: no such kind of plugin{did_you_mean(kind, KINDS)}")
-    if not (name.isascii() and name.isidentifier() and name == name.lower()) or keyword.iskeyword(name):
+    if keyword.iskeyword(name):
+        raise SpecError(f"{name}: is a word of Python's and cannot name a module. Choose another name.")
+    if not (name.isascii() and name.isidentifier() and name == name.lower()):
         raise SpecError(f"{name}: a plugin's name has lower-case letters, digits and _, and begins with a letter.")
     taken = load().entries.get((kind, name))
     if taken:

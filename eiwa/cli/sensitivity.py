@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from eiwa.cli.console import AsJson, Runs, Settings, StudyFile, err, listen_to_log, out, print_json, settings
+from eiwa.cli.console import (
+    AsJson,
+    Runs,
+    Settings,
+    StudyFile,
+    err,
+    listen_to_log,
+    out,
+    print_json,
+    require_drawable,
+    settings,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -61,6 +72,7 @@ def sensitivity(
     from eiwa.study import sensitivity as analysis
     from eiwa.study.store import Store
 
+    require_drawable(figure)
     listen_to_log()
     spec = load(Path(study), settings(set_))
     if not spec.ranges:

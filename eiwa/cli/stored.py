@@ -32,7 +32,7 @@ def export(
 
     spec = load(Path(study), settings(set_))
     store = Store(Path(runs) / spec.study.name)
-    store.require()
+    store.require(study)
     count = exported(spec, store, to)
     if as_json:
         print_json({"study": spec.study.name, "to": to, "count": count})
@@ -56,7 +56,7 @@ def replay(
     listen_to_log()
     spec = load(Path(study), settings(set_))
     store = Store(Path(runs) / spec.study.name)
-    store.require()
+    store.require(study)
     found = replayed(spec, store, name)
     if as_json:
         print_json(

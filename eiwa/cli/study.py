@@ -22,6 +22,7 @@ from eiwa.cli.console import (
     err,
     listen_to_log,
     out,
+    pip,
     print_json,
     resumable,
     settings,
@@ -54,7 +55,7 @@ def run(
     from eiwa.cli.progress import StudyProgress
     from eiwa.core.errors import EiwaError
     from eiwa.core.spec import load
-    from eiwa.study.estimate import shortfall
+    from eiwa.study.estimate import apart, own_numbers, shortfall
     from eiwa.study.run import Run
     from eiwa.study.store import Store
 
@@ -67,7 +68,10 @@ def run(
         console.print(f"Old results are kept in {aside}.", markup=False)
     if not store.exists():
         with suppress(EiwaError):  # the run itself tells what is wrong with a design
-            if short := shortfall(spec, coarse=FAR):
+            found = own_numbers(spec)
+            if not found["F"]:
+                console.print(trust.apart(apart(spec, {})), style="yellow", markup=False)
+            elif short := shortfall(spec, FAR, found):
                 console.print(trust.shortfall(short, spec), style="yellow", markup=False)
     with resumable(), StudyProgress(spec, console) as progress:
         finished = Run(spec, store, progress).execute()
@@ -125,13 +129,14 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
     """Validate a study file; tell cells, memory and seconds per trial."""
     from eiwa.cli import trust
     from eiwa.core.spec import load
-    from eiwa.study.estimate import estimate, shortfall
+    from eiwa.study.estimate import apart, estimate, own_numbers, shortfall
     from eiwa.study.sampler import announced, require
 
     listen_to_log()
     spec = load(Path(study), settings(set_))
     require(spec)
-    cost, short = estimate(spec), shortfall(spec)
+    cost, found = estimate(spec), own_numbers(spec)
+    short = shortfall(spec, found=found)
     if as_json:
         short_of = asdict(short) if short else None
         print_json(
@@ -140,6 +145,7 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
                 "hash": spec.hash,
                 "sampler": spec.sampler.kind,
                 **cost.as_dict(),
+                "F": found["F"],
                 "shortfall": short_of,
             }
         )
@@ -149,6 +155,8 @@ def check(study: StudyFile, set_: Settings = None, as_json: AsJson = False) -> N
     console.print(trust.cost(spec, cost))
     if line := announced(spec):
         console.print(line, markup=False, soft_wrap=True)
+    if not found["F"]:
+        console.print(trust.apart(apart(spec, {})), markup=False)
     if short:
         console.print(trust.shortfall(short, spec), markup=False)
 
@@ -175,7 +183,7 @@ def _report(spec: StudySpec, store: Store, study: str, set_: list[str] | None, a
             console.print(table)
     for line in remarks(spec, rows):
         console.print(line, markup=False)
-    for line in _next(spec, store, study, set_):
+    for line in _next(spec, store, study, set_, tables.best(spec, rows)):
         console.print(line, markup=False, soft_wrap=True)
 
 
@@ -199,14 +207,13 @@ def _summary(spec: StudySpec, store: Store, rows: list[Row]) -> dict[str, Any]:
 
 def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     """What the reader of the table must know."""
-    from eiwa.cli.tables import ranked
+    from eiwa.cli.tables import ranked, ties
     from eiwa.study.sampler import search_size
 
     trials = [r for r in rows if r["kind"] == "trial"]
     failed = [r for r in trials if r["state"] == "FAIL"]
     lines = []
-    best = "design" if ranked(spec) else "leader"
-    if any(r.get("replicated.metrics.F") for r in rows if r["kind"] == best):
+    if ties(spec, rows):
         of = "design" if ranked(spec) else "trial"
         what = spec.objectives[0].label if spec.objectives else "F"
         lines.append(f"~ {what} cannot be told from the best {of}'s (95 %, paired replicates).")
@@ -225,14 +232,17 @@ def remarks(spec: StudySpec, rows: Sequence[Row]) -> list[str]:
     return lines
 
 
-def _next(spec: StudySpec, store: Store, study: str, set_: list[str] | None) -> list[str]:
-    options = ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
-    options += [word for pair in set_ or [] for word in ("--set", pair)]
+def _next(spec: StudySpec, store: Store, study: str, set_: list[str] | None, best: str | None) -> list[str]:
+    folder = ["--runs", str(store.folder.parent)] if str(store.folder.parent) != "runs" else []
+    options = [*folder, *(word for pair in set_ or [] for word in ("--set", pair))]
     lines = ["Where to look next:", f"  every evaluation  {store.folder / 'trials'}/*.parquet"]
     if len(spec.objectives) > 1 and spec.study.trials:
         lines.append(f"  the Pareto front  {shlex.join([called(), 'study', 'pareto', study, *options])}")
     lines.append(f"  in the browser    {shlex.join([called(), 'study', 'dashboard', study, *options])}")
     if find_spec("optuna_dashboard") is None:
-        lines.append("                    (first: pip install 'eiwa[dashboard]')")
-    lines.append(f"  one design        {shlex.join([called(), 'evaluate', study])} --figure workspace.png")
+        lines.append(f"                    (first: {pip()} install 'eiwa[dashboard]')")
+    design = ["--design", best] if best else []
+    design += [word for pair in set_ or [] if not pair.startswith("execution.") for word in ("--set", pair)]
+    drawn = shlex.join([called(), "evaluate", study, *design, *folder])
+    lines.append(f"  the best design   {drawn} --figure workspace.png")
     return lines

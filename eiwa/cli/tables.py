@@ -29,9 +29,6 @@ MAX_VALUES = 4
 
 def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     """Named designs and leaders: what varies, the objective with its error, what was published."""
-    from eiwa.study.compare import tied
-    from eiwa.study.run import leaders
-
     variables = len(spec.searched) > MAX_VALUES
     columns = list(spec.ranges) if variables else varied(spec)
     metrics = shown_metrics(spec)
@@ -40,18 +37,10 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
     heads = ["design", *(short(path).replace(" ", "\n") for path in columns[:MAX_VALUES])]
     heads += [f"{metric} ± se" if metric == "F" else lines(metric) for metric in metrics]
     heads += [*(lines(label) for _, label in objectives), *(f"published\n{metric}" for metric in published)]
-    best = leaders(spec, rows)
-    full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
-    shown = [(r["name"], r) for r in designs(spec, rows)]
-    shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
-    if ranked(spec):
-        sign = -1.0 if spec.objectives[0].direction == "maximize" else 1.0
-        shown.sort(key=lambda item: sign * item[1]["objectives.0"])
-    first = len(shown) - len(best) if best else 0
-    winner = shown[first][1] if best or (ranked(spec) and shown) else None
+    shown, winner, first = _ranking(spec, rows)
     cells = []
     for name, row in shown:
-        tie = " ~" if winner is not None and row is not winner and tied(winner, row) else ""
+        tie = " ~" if _tied(winner, row) else ""
         values = [_value(spec, row, column, variables) for column in columns[:MAX_VALUES]]
         numbers = [number(row, metric) for metric in metrics]
         values_of = [_objective(row, i) for i, _ in objectives]
@@ -60,6 +49,39 @@ def results(spec: StudySpec, rows: Sequence[Row]) -> Table:
         cells.append([name + tie, *values, *numbers, *values_of, *known])
     bold = next((k for k, (_, row) in enumerate(shown) if row is winner), None)
     return plain(f"Study {spec.study.name}", heads, cells, bold=bold, after=first - 1)
+
+
+def best(spec: StudySpec, rows: Sequence[Row]) -> str | None:
+    """Name of the best design of the results."""
+    shown, winner, _ = _ranking(spec, rows)
+    return next((name for name, row in shown if row is winner), None)
+
+
+def ties(spec: StudySpec, rows: Sequence[Row]) -> bool:
+    """Whether the results mark a design as tied with the best one."""
+    shown, winner, _ = _ranking(spec, rows)
+    return any(_tied(winner, row) for _, row in shown)
+
+
+def _ranking(spec: StudySpec, rows: Sequence[Row]) -> tuple[list[tuple[str, Row]], Row | None, int]:
+    """What the results show, by name; the best of it; and where the trials begin."""
+    from eiwa.study.run import leaders
+
+    best = leaders(spec, rows)
+    full = {r["number"]: r for r in rows if r["kind"] == "leader" and r["state"] == "COMPLETE"}
+    shown = [(r["name"], r) for r in designs(spec, rows)]
+    if ranked(spec):
+        sign = -1.0 if spec.objectives[0].direction == "maximize" else 1.0
+        shown.sort(key=lambda item: sign * item[1]["objectives.0"])
+    first = len(shown) if best else 0
+    shown += [(f"trial {r['number']}", full.get(r["number"], r)) for r in best]
+    return shown, shown[first][1] if best or (ranked(spec) and shown) else None, first
+
+
+def _tied(winner: Row | None, row: Row) -> bool:
+    from eiwa.study.compare import tied
+
+    return winner is not None and row is not winner and bool(tied(winner, row))
 
 
 def _objective(row: Row, i: int) -> str:

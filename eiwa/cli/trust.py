@@ -14,7 +14,7 @@ from eiwa.core.tree import lookup
 
 if TYPE_CHECKING:
     from eiwa.study.converge import Point
-    from eiwa.study.estimate import Cost, Shortfall
+    from eiwa.study.estimate import Apart, Cost, Shortfall
     from eiwa.study.verify import Check
 
 
@@ -46,6 +46,22 @@ def shortfall(found: Shortfall, spec: StudySpec) -> str:
         f"{samples:,} samples are few for voxels of {1e3 * size:g} mm: F = {found.F:.4f} lies about {found.error:.0%} below "
         f'the true F on this grid. estimator = "elites" comes within {found.tolerance:.0%} with about '
         f"{found.evaluations:,} evaluations."
+    )
+
+
+def apart(found: Apart) -> str:
+    """Why F may be 0: the two boxes, and what is written wrongly most often."""
+    boxes = {"hands": found.hands, "right arm": found.right, "left arm": found.left}
+    lines = [
+        f"  {name:<9}  " + ",  ".join(f"{axis} {a:5.2f} to {b:5.2f}" for axis, a, b in zip("xyz", *box, strict=True))
+        for name, box in boxes.items()
+    ]
+    return "\n".join(
+        [
+            "F = 0: nothing dexterous lies where hands are comfortable. In W [m]:",
+            *lines,
+            "Check [layout], the arm's lengths [m], angles and limits, and the threshold.",
+        ]
     )
 
 

@@ -16,7 +16,7 @@ from eiwa.core.errors import PluginError, SingularArm, SpecError, blaming, findi
 from eiwa.core.interfaces import NOTHING, Arm, Array, DexterityIndex, TracedArm, TracedIndex, where_valid
 from eiwa.core.kernel import Map
 from eiwa.core.optimum import maximum, pilot_points
-from eiwa.core.scrutiny import raw_values, refuse_changing_answers, refuse_wrong_jacobian
+from eiwa.core.scrutiny import raw_values, refuse_changing_answers, refuse_millimetres, refuse_wrong_jacobian
 from eiwa.core.symbols import Column
 from eiwa.core.symbols import maximum as maximum_of
 
@@ -62,7 +62,7 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     SingularArm
         The index is (numerically) zero at every posture of the pilot.
     SpecError
-        No posture of the pilot is valid.
+        No posture of the pilot is valid, or tips are too far away to be in metres.
     PluginError
         The arm or the index answers with values that are not finite, that have a wrong shape, that contradict its
         Jacobian, or that change when they are asked for again.
@@ -81,6 +81,7 @@ def prepare(arm: Arm, index: DexterityIndex, normaliser: float | None, threshold
     _refuse_invalid(valid, len(u))
     _refuse_not_finite(arm, "tips", tips, u, valid)
     _refuse_not_finite(index, "values", raw, u, valid)
+    refuse_millimetres(tips[valid])
     refuse_wrong_jacobian(arm, u)
     if not unit.traced:
         refuse_changing_answers(arm, index, prepared, u, tips, raw)

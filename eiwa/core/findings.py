@@ -59,17 +59,25 @@ def _steps(table: Any, location: Sequence[Any]) -> tuple[list[str], bool]:
 def _line(where: str, items: list[Any], model: type[BaseModel]) -> str:
     item, missing = items[0]
     if missing:
-        field = _model_at(model, item["loc"][:-1]).model_fields.get(str(item["loc"][-1]))
-        described = f" {field.description}" if field is not None and field.description else ""
-        return finding(where, "is required." + described)
+        return finding(where, "is required.", remedy=_described(model, item["loc"]))
     if item["type"] == "extra_forbidden":
         known = _model_at(model, item["loc"][:-1]).model_fields
         return finding(where, f"unknown key{did_you_mean(str(item['loc'][-1]), known)}")
     problem = " or ".join(dict.fromkeys(_problem(i) for i, _ in items)).replace(" or must be ", " or ") + "."
     if isinstance(item["input"], dict):
         return finding(where, problem)
-    field = _model_at(model, item["loc"][:-1]).model_fields.get(str(item["loc"][-1]))
-    return finding(where, problem, value=item["input"], remedy=(field.description or "") if field is not None else "")
+    return finding(where, problem, value=item["input"], remedy=_described(model, item["loc"]))
+
+
+def _described(model: type[BaseModel], location: Sequence[Any]) -> str:
+    """What the field at a place means and in which unit; an item of a list is described by its list."""
+    *above, last = (key for key in location if not isinstance(key, int)) if location else ("",)
+    field = _model_at(model, above).model_fields.get(str(last))
+    if field is None:
+        return ""
+    extra = field.json_schema_extra
+    unit = extra.get("unit") if isinstance(extra, dict) else None
+    return (field.description or "") + (f" Unit: {unit}." if unit else "")
 
 
 def _problem(item: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path, PurePosixPath
@@ -27,6 +28,8 @@ def named_design(name: str, table: Any, registry: Registry, within: str = "desig
         It says something that no design can.
     """
     path = f"{within}.{name}"
+    if within == "designs" and re.fullmatch(r"((trial|leader)\s*)?\d+", name):
+        raise SpecError(finding(path, "commands call a trial of the search so.", remedy="Choose another name."))
     if not isinstance(table, dict):
         raise SpecError(finding(path, f"must be a table: write [{path}].", value=table))
     overrides = _tables(f"{path}.from", table["from"], registry) if "from" in table else {}
@@ -42,7 +45,7 @@ def _tables(path: str, name: Any, registry: Registry) -> Tree:
     if not (isinstance(name, str) and name):
         raise SpecError(finding(path, "must be the name of a TOML file, relative to the study file.", value=name))
     try:
-        tree = tomllib.loads(registry.locate(name).read_text(encoding="utf-8"))
+        tree = tomllib.loads(registry.locate(name).read_text(encoding="utf-8-sig"))
     except OSError as error:
         reason = (error.strerror or "error").lower()
         problem = f"the file cannot be read ({reason}); looked for {registry.locate(name)}."

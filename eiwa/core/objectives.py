@@ -51,7 +51,9 @@ class Aggregated(Parameters):
 class ObjectiveSection(Aggregated):
     """What the search optimises: a metric, or an expression of metrics."""
 
-    metric: str | None = quantity(None, description="The number to optimise; none for aggregate = 'misfit'.")
+    metric: str | None = quantity(
+        None, min_length=1, description="The number to optimise; none for aggregate = 'misfit'."
+    )
     expression: str | None = quantity(
         None, description="Instead of a metric: arithmetic of several, 'F - 0.1 * reach'."
     )
@@ -96,7 +98,7 @@ class ObjectiveSection(Aggregated):
 class ConstraintSection(Aggregated):
     """Bounds on a metric, or an inequality of parameters, which is told before anything is evaluated."""
 
-    metric: str | None = quantity(None, description="The number that must lie within min and max.")
+    metric: str | None = quantity(None, min_length=1, description="The number that must lie within min and max.")
     min: float | None = None
     max: float | None = None
     expression: str | None = quantity(

@@ -16,7 +16,7 @@ from typing import Any
 import pluggy
 
 from eiwa.core import hookspecs
-from eiwa.core.errors import EiwaError, PluginError, SpecError, finding
+from eiwa.core.errors import EiwaError, PluginError, SpecError, finding, line_in
 from eiwa.core.findings import validated
 from eiwa.core.hookspecs import PROJECT, Parameters, Plugin
 from eiwa.core.parts import Part
@@ -152,7 +152,9 @@ class Registry:
         manager.add_hookspecs(hookspecs)
         try:
             manager.register(module, name=provider)
-            manager.check_pending()
+            for hook in _unknown_hooks(manager, module):
+                known = [name for name in vars(hookspecs) if name.startswith("eiwa_")]
+                raise PluginError(f"plugin {provider}: {hook}: there is no such hook{did_you_mean(hook, known)}")
         except pluggy.PluginValidationError as error:
             raise PluginError(f"plugin {provider}: {error}") from error
         found = (
@@ -180,6 +182,8 @@ class Registry:
                 return
             other = self.entries["metrics", self.numbers()[clash[0]][0]]
             taken = f"the metric number {clash[0]!r}"
+        if entry.provider == other.provider:
+            raise PluginError(f"{entry.provider} provides {taken} twice: remove one of them")
         raise PluginError(f"{entry.provider} and {other.provider} both provide {taken}: rename one of them")
 
     def add_file(self, name: str, where: str) -> None:
@@ -195,6 +199,8 @@ class Registry:
         path = self.locate(name)
         if not path.is_file():
             raise SpecError(finding(where, "there is no such plugin file.", value=name, remedy=f"Looked for {path}."))
+        if path.resolve() in self.files:
+            raise SpecError(finding(where, "is named twice.", value=name, remedy="Remove one of them."))
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()[:16]
         module = _import_file(path, f"eiwa_local_{path.stem}_{digest}")
@@ -223,11 +229,19 @@ def load(
     return registry
 
 
+def _unknown_hooks(manager: pluggy.PluginManager, module: object) -> list[str]:
+    """Names of a plugin's functions that are marked as hooks and are none."""
+    marked = (name for name in dir(module) if manager.parse_hookimpl_opts(module, name) is not None)
+    return [name for name in marked if not hasattr(hookspecs, name)]
+
+
 def _checked(records: Any, provider: str, hook: str) -> list[Plugin]:
     found: list[Plugin] = list(records) if isinstance(records, list | tuple) else [records]
     for record in found:
         if not isinstance(record, Plugin):
-            raise PluginError(f"plugin {provider}: {hook} must return a list of Plugin records, not {record!r}")
+            raise PluginError(
+                f"plugin {provider}: {hook} must return a list of Plugin records, not a {type(record).__name__}"
+            )
         if not (isinstance(record.parameters, type) and issubclass(record.parameters, Parameters)):
             raise PluginError(f"plugin {provider}: parameters of {record.name!r} must be a subclass of Parameters")
         if hook == "eiwa_metrics" and not record.numbers:
@@ -250,7 +264,8 @@ def _import_file(path: Path, name: str) -> ModuleType:
         del sys.modules[name]
         if isinstance(error, EiwaError):
             raise
-        raise PluginError(f"plugin file {path} raises on import: {_one_line(error)}") from error
+        raised = _one_line(error) + ("" if isinstance(error, SyntaxError) else line_in(spec.origin, error))
+        raise PluginError(f"plugin file {path} raises on import: {raised}") from error
     return module
 
 

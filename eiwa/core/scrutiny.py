@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eiwa.core.derivative import differentiate
-from eiwa.core.errors import PluginError, blaming, name_of
+from eiwa.core.errors import PluginError, SpecError, blaming, finding, name_of
 from eiwa.core.interfaces import Arm, Array, DexterityIndex, Postures, TracedArm
 
 EXAMINED = 32
@@ -20,7 +20,24 @@ WRONG = 1e-3
 CHANGED = 1e-9
 """Relative change of an answer that no rounding explains."""
 
+FAR = 20.0
+"""No master device reaches so far [m]: its lengths are in mm."""
+
 _seen: set[Hashable] = set()
+
+
+def refuse_millimetres(tips: Array) -> None:
+    """Refuse an arm whose tips (n, 3) no operator could reach.
+
+    Raises
+    ------
+    SpecError
+        A tip is more than 20 m from the base.
+    """
+    reach = float(np.linalg.norm(tips, axis=1).max())
+    if reach > FAR:
+        problem = f"its tip is up to {reach:.4g} m from its base; at most {FAR:g} m are allowed."
+        raise SpecError(finding("arm", problem, remedy="Write its lengths in metres, not in millimetres."))
 
 
 def refuse_wrong_jacobian(arm: Arm, u: Array) -> None:

@@ -57,11 +57,16 @@ class ExecutionSection(Parameters):
         return self
 
 
+FAR = 20.0
+"""No part of a master console is so far away [m]: such a length is in mm."""
+Place = Annotated[list[Annotated[float, Field(ge=-FAR, le=FAR)]], Field(min_length=3, max_length=3)]
+
+
 class LayoutSection(Parameters):
     """Where the two bases stand in the operator frame W."""
 
-    spacing: float = quantity(ge=0, unit="m", description="D: distance of the bases along x.")
-    offset: Vector = quantity(unit="m", description="R: operator origin to the midpoint of the bases.")
+    spacing: float = quantity(ge=0, le=FAR, unit="m", description="D: distance of the bases along x.")
+    offset: Place = quantity(unit="m", description="R: operator origin to the midpoint of the bases.")
     orientation: Vector = quantity([0.0, 0.0, 0.0], unit="deg", description="Roll, pitch, yaw of T_world_base.")
     second: Literal["translated", "mirrored"] = quantity("translated", description="Left arm: Eq. (3) or mirror image.")
     alpha: float = quantity(0.5, gt=0, le=0.5, description="Factor of Eq. (3); at most 1/2, so that V_dual <= 1.")
@@ -102,8 +107,10 @@ class AdjustSection(Parameters):
 class OperatorSection(Parameters):
     """How the operator sits."""
 
-    armrest: float = quantity(0.0, unit="m", description="Armrest above the reference plane: moves E in z.")
-    seat: float = quantity(0.0, unit="m", description="Seat behind the origin.")
+    armrest: float = quantity(
+        0.0, ge=-FAR, le=FAR, unit="m", description="Armrest above the reference plane: moves E in z."
+    )
+    seat: float = quantity(0.0, ge=-FAR, le=FAR, unit="m", description="Seat behind the origin.")
     adjust: AdjustSection = quantity(AdjustSection(), description="What the operator adjusts to their own liking.")
 
 

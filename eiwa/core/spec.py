@@ -191,7 +191,7 @@ def read(path: Path) -> Tree:
         The file cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise SpecError(f"{path}: cannot be read: {error.strerror}. Give the path of a study file.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

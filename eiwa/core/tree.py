@@ -92,8 +92,9 @@ def _key(node: Any, step: str, path: str, walked: str) -> Any:
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """'; did you mean X? Known: ...' with the nearest known word first."""
     words = sorted({str(k) for k in known})
-    near = difflib.get_close_matches(word, words, n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else "."
+    folded = {w.casefold(): w for w in words}
+    near = difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.5)
+    hint = f"; did you mean {folded[near[0]]!r}?" if near else "."
     return f"{hint} Known: {', '.join(words)}." if words else hint
 
 

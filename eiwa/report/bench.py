@@ -7,9 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from eiwa.bench.measure import Record
-from eiwa.report.figure import INTERACTION, LEFT, RIGHT, _figure, _save
+from eiwa.report.figure import OTHERS, _figure, _save
 
-LOOKS = {(6, "f64"): (RIGHT, "o"), (7, "f64"): (RIGHT, "s"), (6, "f32"): (LEFT, "o"), (7, "f32"): (LEFT, "s")}
+LOOKS = {
+    (6, "f64"): (OTHERS[0], "o"),
+    (7, "f64"): (OTHERS[0], "s"),
+    (6, "f32"): (OTHERS[1], "o"),
+    (7, "f32"): (OTHERS[1], "s"),
+}
 AXES = {"samples": "samples N", "joints": "joints", "voxel": "voxel size r [mm]", "threads": "threads"}
 
 
@@ -68,7 +73,7 @@ def _share(records: Sequence[Record]) -> Any:
     figure = _figure((4.8, 0.8 + 0.26 * len(stages)))
     axes = figure.subplots()
     height = 0.8 / len(threads)
-    for number, (t, colour) in enumerate(zip(threads, (RIGHT, LEFT), strict=False)):
+    for number, (t, colour) in enumerate(zip(threads, (OTHERS[0], OTHERS[1]), strict=False)):
         shown = {r.part: r for r in records if r.threads == t}
         rows = [len(stages) - 1 - k + height * ((len(threads) - 1) / 2 - number) for k in range(len(stages))]
         found = [shown[stage] for stage in stages]
@@ -90,7 +95,7 @@ def _scaling(records: Sequence[Record]) -> Any:
     most = max(r.threads for r in records)
     for panel, (axis, label) in zip(panels, AXES.items(), strict=True):
         part = [r for r in records if r.part == axis]
-        lines = [(None, INTERACTION)] if axis == "threads" else [(1, RIGHT), (most, LEFT)][: 1 + (most > 1)]
+        lines = [(None, OTHERS[2])] if axis == "threads" else [(1, OTHERS[0]), (most, OTHERS[1])][: 1 + (most > 1)]
         for t, colour in lines:
             shown = [r for r in part if t is None or r.threads == t]
             name = None if t is None else f"{t} thread{'s' * (t > 1)}"

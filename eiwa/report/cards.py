@@ -22,6 +22,7 @@ Shown = Sequence[tuple[str, Row]]
 
 # Okabe and Ito's colour-blind safe palette, as in eiwa.report.figure: one meaning a colour.
 TRIAL, BROKEN, BEST, NAMED = "#56B4E9", "#BBBBBB", "#009E73", "#E69F00"
+SIDE_BY_SIDE = BEST, NAMED, TRIAL, "#000000", "#999999"
 DARK = "#5C1F47"
 DASHES = ("dash", "dot", "dashdot", "longdash")
 MOST_CELLS = 1500
@@ -86,10 +87,12 @@ def _crossed(title: str, shown: Shown, objective: int, colour: str) -> Figure:
 def scenarios(metric: str, labels: Mapping[str, str], shown: Shown) -> Figure:
     """A metric under every scenario, designs side by side; ``labels``: scenario -> what to call it."""
     traces = []
-    for name, row in shown:
+    for (name, row), colour in zip(shown, cycle(SIDE_BY_SIDE), strict=False):
         values = [row.get(metric_column(metric, s)) for s in labels]
         errors = [row.get(metric_column(f"{metric}_se", s)) for s in labels]
-        traces.append(_trace(name, list(labels.values()), values, mode="markers", error=errors))
+        traces.append(
+            _trace(name, list(labels.values()), values, mode="markers", marker={"color": colour}, error=errors)
+        )
     figure = _figure(f"{metric} under every scenario", traces, "", metric)
     figure["layout"]["xaxis"] |= {"type": "category"}
     figure["layout"]["scattermode"] = "group"  # side by side within a category

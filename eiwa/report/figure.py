@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,29 @@ from eiwa.core.spec import StudySpec
 from eiwa.core.workspace import Grid
 from eiwa.study.converge import Point
 
-# Okabe and Ito's colour-blind safe palette; one meaning a colour in every figure of eiwa.
+# Okabe and Ito's colour-blind safe palette; these three mean the same in every figure of eiwa, and nothing else.
 RIGHT, LEFT, INTERACTION = "#0072B2", "#D55E00", "#CC79A7"
+OTHERS = "#009E73", "#E69F00", "#56B4E9"
+"""For what is on neither side."""
 ISOVALUE = 0.3
 VIEWS = ((0, 1, 2, "from above"), (1, 2, 0, "from the right side"))
 AXES = ("x, to the right [m]", "y, forward [m]", "z, up [m]")
+
+
+def require(path: Path) -> None:
+    """Refuse, before any work, a picture that could not be drawn.
+
+    Raises
+    ------
+    EiwaError
+        Matplotlib is missing, the ending is unknown, or the folder cannot be written to.
+    """
+    known = _figure((1, 1)).canvas.get_supported_filetypes()
+    if path.suffix[1:].lower() not in known:
+        raise EiwaError(f"{path}: cannot be drawn: write png, pdf or svg at its end.")
+    if not os.access(path.parent, os.W_OK) or path.is_dir():
+        reason = "is a folder" if path.is_dir() else f"{path.parent} is no folder that can be written to"
+        raise EiwaError(f"{path}: cannot be drawn: {reason}.")
 
 
 def draw(spec: StudySpec, overrides: Mapping[str, Any], path: Path, title: str = "") -> None:
@@ -62,18 +81,20 @@ def draw_convergence(points: Sequence[Point], path: Path, title: str) -> None:
     """
     figure = _figure((4.8, 3.4))
     axes = figure.subplots()
-    for size, colour in zip(dict.fromkeys(p.size for p in points), (RIGHT, LEFT, INTERACTION), strict=False):
+    sizes = dict.fromkeys(p.size for p in points)
+    for size, colour, marker in zip(sizes, OTHERS, "osD", strict=False):
         sampled = [p for p in points if p.size == size and p.estimator != "elites"]
         axes.errorbar(
             [p.samples for p in sampled], [p.F for p in sampled], yerr=[p.se or 0.0 for p in sampled],
-            color=colour, marker="o", markersize=3, capsize=2, label=f"{sampled[0].estimator}, r = {1e3 * size:g} mm",
+            color=colour, marker=marker, markersize=3, capsize=2, label=f"{sampled[0].estimator}, r = {1e3 * size:g} mm",
         )  # fmt: skip
         for refined in (p for p in points if p.size == size and p.estimator == "elites"):
             axes.axhline(refined.F, color=colour, linestyle="dashed", linewidth=1)
             axes.axhspan(refined.F, refined.F + (refined.remaining or 0.0), color=colour, alpha=0.2)
     axes.set_xscale("log")
-    axes.set_xlabel("samples N")
-    axes.set_ylabel("F")
+    axes.set_xlabel("samples N", fontsize=8)
+    axes.set_ylabel("F", fontsize=8)
+    axes.tick_params(labelsize=7)
     axes.set_title(f"{title} (dashed: elites, band: may still rise)".strip(), fontsize=8)
     axes.legend(fontsize=7, frameon=False)
     _save(figure, path)
@@ -116,8 +137,8 @@ def _panel(panel: Any, measurement: Measurement, across: int, up: int, along: in
         _outline(panel, grid, _seen(E > 0, across, up, along), across, up, colour, style)
     interaction = (first.E_sum > 0) & (first.V_dual >= ISOVALUE)
     _fill(panel, grid, _seen(interaction, across, up, along), across, up)
-    for side, colour in ((+1, RIGHT), (-1, LEFT)):
-        base = measurement.setup.layout.T_world_base(side)[:3, 3]
+    right, left = (T[:3, 3] for T in measurement.setup.layout.Ts_world_base)
+    for base, colour in ((left, LEFT), (right, RIGHT)):  # seen from the right, the right one is in front
         panel.plot(base[across], base[up], marker="^", color=colour, markersize=6, linestyle="none")
     low, high = _limits(whole, first.V.grid, across, up)
     panel.set_xlim(low[0], high[0])

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from eiwa.report.figure import INTERACTION, LEFT, RIGHT, _figure, _save
+from eiwa.report.figure import OTHERS, _figure, _save
 from eiwa.study.pareto import Goal, Pareto
 
 PAIRS = 3
 """Panels of goal against goal; further pairs are left out."""
-LINES = (RIGHT, LEFT, INTERACTION, "#009E73", "#E69F00", "#56B4E9")
+LINES = (OTHERS[2], OTHERS[1], "#000000", "#999999")
+"""Of runs; the front that they make together is in the first of the others."""
 
 
 def draw(found: Pareto, path: Path, title: str = "") -> None:
@@ -57,14 +58,14 @@ def _goals(panel: Any, found: Pareto, x: int, y: int) -> None:
     front = np.array([(m.values[x], m.values[y]) for m in found.members])
     errors = np.array([[m.errors[x] or 0.0, m.errors[y] or 0.0] for m in found.members])
     if len(found.goals) == 2:
-        panel.step(*_stairs(front, found.goals[x]), color=RIGHT, linewidth=0.8, alpha=0.6, where="post")
+        panel.step(*_stairs(front, found.goals[x]), color=OTHERS[0], linewidth=0.8, alpha=0.6, where="post")
     panel.errorbar(
         *front.T, xerr=errors[:, 0], yerr=errors[:, 1],
-        color=RIGHT, linestyle="none", marker="o", markersize=3.5, elinewidth=0.8, capsize=1.5, label="front",
+        color=OTHERS[0], linestyle="none", marker="o", markersize=3.5, elinewidth=0.8, capsize=1.5, label="front",
     )  # fmt: skip
     for member in (m for m in found.members if m.knee):
         at = member.values[x], member.values[y]
-        panel.plot(*at, color=LEFT, marker="D", markersize=6, linestyle="none", label="knee", zorder=5)
+        panel.plot(*at, color=OTHERS[1], marker="D", markersize=6, linestyle="none", label="knee", zorder=5)
     panel.set_xlabel(_axis(found.goals[x]), fontsize=8)
     panel.set_ylabel(_axis(found.goals[y]), fontsize=8)
     panel.tick_params(labelsize=7)

@@ -7,9 +7,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from eiwa.core.elites import LEAST
 from eiwa.core.evaluation import Setup, ergonomic_grid
 from eiwa.core.memory import memory, require_memory
+from eiwa.core.optimum import pilot_points
 from eiwa.core.outcome import bounds, candidates, evaluate
 from eiwa.core.spec import StudySpec, check
 from eiwa.core.tree import replaced
@@ -69,12 +73,33 @@ class Shortfall:
     tolerance: float
 
 
-def shortfall(spec: StudySpec, coarse: float = COARSE) -> Shortfall | None:
+@dataclass(frozen=True)
+class Apart:
+    """Boxes in W [m], each its low and its high corner: where hands are comfortable, and where each arm's tip comes."""
+
+    hands: NDArray[np.float64]
+    right: NDArray[np.float64]
+    left: NDArray[np.float64]
+
+
+def apart(spec: StudySpec, overrides: Mapping[str, Any]) -> Apart:
+    """Where hands and masters are, for a design whose F is 0."""
+    setup = candidates(spec.design(overrides), spec.study.seed)[0]
+    postures = setup.arm.postures(pilot_points(setup.arm.dof)).solved
+    tips = [postures.tips @ T[:3, :3].T + T[:3, 3] for T in setup.layout.Ts_world_base]
+    right, left = (np.array([t.min(axis=0), t.max(axis=0)]) for t in tips)
+    return Apart(bounds(setup), right, left)
+
+
+def shortfall(
+    spec: StudySpec, coarse: float = COARSE, found: Mapping[str, float | None] | None = None
+) -> Shortfall | None:
     """What the voxels ask of the samples; None where the last doubling moved F by at most ``coarse`` of it.
 
-    Only maxima are judged: a mean per voxel has no such limit.
+    Only maxima are judged: a mean per voxel has no such limit. ``found`` are the numbers of the study's own design, where
+    they are known.
     """
-    found = _numbers(spec, {})
+    found = own_numbers(spec) if found is None else found
     sampling, F = spec.resolved["sampling"], found["F"] or 0.0
     if spec.resolved["voxels"].get("aggregate") != "max":
         return None
@@ -89,6 +114,11 @@ def shortfall(spec: StudySpec, coarse: float = COARSE) -> Shortfall | None:
     refined = _numbers(spec, elites)
     true_F = max((refined["F"] or 0.0) + (refined["F_remaining"] or 0.0) / 2, LEAST)
     return Shortfall(F, 1 - F / true_F, int(refined["evaluations"] or 0), SEARCHED)
+
+
+def own_numbers(spec: StudySpec) -> Mapping[str, float | None]:
+    """F and what comes with it, of the design that the file itself writes, under the reference scenario."""
+    return _numbers(spec, {})
 
 
 def _numbers(spec: StudySpec, settings: Mapping[str, Any]) -> Mapping[str, float | None]:

@@ -138,7 +138,7 @@ def goals(spec: StudySpec, chosen: str | None, columns: Sequence[str]) -> list[G
     SpecError
         A name is not in the rows, or there are fewer than two.
     """
-    objectives = [_of_objective(spec, i) for i in range(len(spec.objectives))]
+    objectives = [goal_of(spec, i) for i in range(len(spec.objectives))]
     if chosen is None:
         if len(objectives) < 2:
             listed = ", ".join(g.name for g in objectives) or "none"
@@ -151,7 +151,8 @@ def goals(spec: StudySpec, chosen: str | None, columns: Sequence[str]) -> list[G
     return found
 
 
-def _of_objective(spec: StudySpec, i: int) -> Goal:
+def goal_of(spec: StudySpec, i: int) -> Goal:
+    """An objective of the study, with its unit where it has one."""
     objective = spec.objectives[i]
     known = spec.registry.numbers()
     unit = known[objective.metric][1].unit if objective.metric in known and objective.level is None else ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,8 +32,8 @@ FIRST_FAILURES, FAILURES_IN_A_ROW = 5, 20
 class Listener(Protocol):
     """Hears how a run goes on; stages are designs, search, restored and leaders."""
 
-    def begin(self, stage: str, total: int, done: int) -> None:
-        """A stage starts, with so many of its evaluations done before."""
+    def begin(self, stage: str, total: int, done: int, known: Iterable[Row] = ()) -> None:
+        """A stage starts, with so many of its evaluations done before, and those of them that are known."""
 
     def __call__(self, stage: str, row: Row) -> None:
         """An evaluation is done, and its row is on the disk."""
@@ -45,7 +45,7 @@ class Listener(Protocol):
 class Silent:
     """Hears nothing."""
 
-    def begin(self, stage: str, total: int, done: int) -> None:
+    def begin(self, stage: str, total: int, done: int, known: Iterable[Row] = ()) -> None:
         """Nothing."""
 
     def __call__(self, stage: str, row: Row) -> None:
@@ -78,6 +78,8 @@ class Run:
         EiwaError
             The folder, the storage or the workers cannot be used, or designs keep failing.
         """
+        if self.target:
+            require(self.spec)
         with self.store.locked(), executor_of(self.spec, self.listen.say) as executor:
             self.store.open(self.spec)
             self.rows, self._trials = [], {}
@@ -85,7 +87,6 @@ class Run:
             before = len(self.rows)
             self._designs(executor)
             if self.target:
-                require(self.spec)
                 if line := announced(self.spec):
                     self.listen.say(line)
                 with opened(self.spec, self.store) as storage:
@@ -138,7 +139,7 @@ class Run:
     def _search(self, executor: Executor, search: Search) -> None:
         self._stop_when_failing()
         if search.told < self.target:
-            self.listen.begin("search", self.target, search.told)
+            self.listen.begin("search", self.target, search.told, self._trials.values())
         self._restore_rows(executor, search)
         while search.told < self.target:
             first = search.told - search.told % self.spec.study.batch

@@ -12,6 +12,7 @@ import fcntl
 import json
 import os
 import re
+import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -59,8 +60,8 @@ class Store:
         """Whether a study has been started here."""
         return (self.folder / "study.json").exists()
 
-    def require(self) -> None:
-        """Refuse a folder without results.
+    def require(self, study: str = "STUDY.toml") -> None:
+        """Refuse a folder without results of the study file.
 
         Raises
         ------
@@ -68,7 +69,7 @@ class Store:
             With the command that makes some.
         """
         if not self.exists():
-            raise StoreError(f"{self.folder}: has no results yet. Run: eiwa study run STUDY.toml")
+            raise StoreError(f"{self.folder}: has no results yet. Run: eiwa study run {shlex.quote(study)}")
 
     @contextmanager
     def locked(self) -> Iterator[None]:

@@ -119,6 +119,8 @@ def matching(registry: Registry, target: str) -> list[Entry]:
     if target.endswith(".py") or Path(target).is_file():
         return _in_file(registry, Path(target))
     entries = [e for k in KINDS for e in registry.of_kind(k) if e.plugin.name == target]
+    if not entries and Path(target).is_dir():
+        raise SpecError(f"{target}: is a folder, not a plugin. Name one Python file, or an installed plugin.")
     if not entries:
         names = {e.plugin.name for e in registry.entries.values()}
         broken = "".join(f" Could not be loaded: {b.provider}: {b.reason}." for b in registry.broken)

@@ -1,13 +1,16 @@
 """Every command: help, exit codes, JSON on stdout and nothing beside it, what is said the second time."""
 
+import io
 import json
 import re
 import shlex
 from importlib.util import find_spec
 
 import pytest
+from rich.console import Console
 
 import eiwa
+from eiwa.cli.progress import StudyProgress
 from eiwa.core.version import __version__
 from eiwa.study.store import Store
 from tests.study import small
@@ -119,6 +122,27 @@ def test_a_run_shows_the_best_and_where_to_look(ran):
         "eiwa evaluate small.toml",
     ):
         assert words in ran.out
+
+
+def test_the_best_trial_is_one_command_away(ran, cli):
+    command = next(line for line in ran.out.splitlines() if "the best design" in line)
+    words = shlex.split(command.removeprefix("  the best design   eiwa "))
+    shown = next(line.split() for line in ran.out.splitlines() if line.strip().startswith("trial "))
+    assert words[words.index("--design") + 1] == " ".join(shown[:2])
+    said = cli(*words[: words.index("--figure")], "--replicates", "1", "--json")
+    assert said.code == 0, said.err
+    assert f"{answer(said)['objectives']['F']:.4f}" in shown
+
+
+def test_a_search_that_goes_on_shows_the_best_so_far():
+    """A trial that is worse than one of an earlier run is not the best."""
+    spec = small.spec()
+    console = Console(file=io.StringIO(), width=80)
+    row = {"state": "COMPLETE", "feasible": True}
+    with StudyProgress(spec, console) as progress:
+        progress.begin("search", 2, 1, [row | {"objectives.0": 0.25}])
+        progress("search", row | {"objectives.0": 0.125})
+    assert "best F 0.2500" in console.file.getvalue()
 
 
 def test_progress_goes_to_stderr(ran):

@@ -1,10 +1,12 @@
 """What users get wrong, in real processes: exit code 2, one message on stderr, nothing on stdout, no traceback."""
 
+import errno
 import subprocess
 import sys
 
 import pytest
 
+from eiwa.cli import main
 from tests.study import small
 
 SINGULAR = {'"modified"': '"standard"'}
@@ -65,7 +67,10 @@ def test_settings(command, setting, words, cli, path):
 def test_a_design_that_is_not_there(cli, path):
     said = cli("evaluate", path, "--design", "optimun")
     assert said.code == 2
-    assert said.err == "--design optimun: the study has no such design; did you mean 'optimum'? Known: optimum.\n"
+    assert (
+        said.err
+        == "optimun: neither a named design nor a trial of this study; did you mean 'optimum'? Known: optimum.\n"
+    )
 
 
 def test_all_findings_are_shown_each_on_its_line(cli, path, tmp_path):
@@ -108,3 +113,72 @@ def test_a_closed_pipe_is_no_error(tmp_path):
         err = process.stderr.read()
     assert "Traceback" not in err
     assert "Exception" not in err
+
+
+@pytest.mark.parametrize("threads", ["0", "two", "-1"])
+def test_a_number_of_threads_that_is_none(threads, tmp_path):
+    path = small.write(tmp_path)
+    code, out, err = small.eiwa("study", "check", str(path), folder=tmp_path, EIWA_THREADS=threads)
+    assert (code, out) == (2, "")
+    assert err == f"EIWA_THREADS = '{threads}': must be a whole number above 0. Unset it to use all processors.\n"
+
+
+def test_a_place_that_cannot_be_written(monkeypatch, capsys):
+    def refused():
+        raise PermissionError(errno.EACCES, "Permission denied", "mine.py")
+
+    monkeypatch.setattr("eiwa.cli.app", refused)
+    with pytest.raises(SystemExit) as left:
+        main()
+    assert left.value.code == 2
+    assert capsys.readouterr().err == "mine.py: Permission denied. Choose another place, or free this one.\n"
+
+
+def test_a_terminal_without_unicode(tmp_path):
+    path = small.write(tmp_path)
+    said = {"PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    code, out, err = small.eiwa("evaluate", str(path), "--design", "optimum", folder=tmp_path, **said)
+    assert code == 0, err
+    assert " +- " in out
+    assert "?" not in out
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({}, "mine.py provides the arm plugin 'broken' twice: remove one of them"),
+        ({"def eiwa_arms": "def eiwa_arm"}, "eiwa_arm: there is no such hook; did you mean 'eiwa_arms'?"),
+        ({"return [Plugin(": "return [("}, "eiwa_arms must return a list of Plugin records, not a tuple"),
+        ({"class Broken(": "from nowhere import nothing\nclass Broken("}, "No module named 'nowhere' (line 9)"),
+    ],
+)
+def test_a_plugin_file_that_is_none(changed, words, cli, path, tmp_path):
+    text = small.BROKEN_ARM if changed else small.BROKEN_ARM.replace("Broken())]", "Broken())] * 2")
+    for old, new in changed.items():
+        text = text.replace(old, new)
+    (tmp_path / "mine.py").write_text(text)
+    said = cli("plugins", "check", "mine.py")
+    assert (said.code, said.out) == (2, "")
+    assert words in said.err
+
+
+def test_a_plugin_file_that_is_named_twice(cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = small.write(tmp_path, {small.TOP: f'plugins = ["mine.py", "mine.py"]\n{small.TOP}'}, mine=small.BROKEN_ARM)
+    said = cli("study", "check", study.name)
+    assert (said.code, said.err) == (2, "plugins.1 = 'mine.py': is named twice. Remove one of them.\n")
+
+
+def test_a_folder_is_no_plugin(cli, path):
+    said = cli("plugins", "check", ".")
+    assert (said.code, said.err) == (2, ".: is a folder, not a plugin. Name one Python file, or an installed plugin.\n")
+
+
+def test_masters_out_of_reach_are_told_where_they_are(cli, path):
+    """The bases stand 1.6 m in front of the operator, as if somebody had added both lengths of a sketch."""
+    away = ("--set", "layout.offset.1=1.6")
+    for said in (cli("study", "check", path, *away), cli("evaluate", path, *away)):
+        assert said.code == 0, said.err
+        assert "F = 0: nothing dexterous lies where hands are comfortable." in said.out
+        assert "right arm  x " in said.out
+    assert "F = 0" in cli("study", "run", path, *away).err

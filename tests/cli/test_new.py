@@ -67,7 +67,7 @@ def test_new_plugins_are_formatted(cli, here):
         (("metric", "mine"), "metric: no such kind of plugin; did you mean 'metrics'"),
         (("arm", "dh"), "dh: the arm plugin of this name is eiwa.plugins.arms.dh's"),
         (("arm", "My-Arm"), "lower-case letters, digits and _"),
-        (("arm", "class"), "lower-case letters, digits and _"),
+        (("arm", "class"), "class: is a word of Python's"),
         (("arm", "2arm"), "begins with a letter"),
         (("arm", "../arm"), "lower-case letters, digits and _"),
     ],

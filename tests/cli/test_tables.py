@@ -173,3 +173,18 @@ def test_columns_that_find_no_room_follow_below(here, cli):
         check(said.out)
         assert said.out.count("K=50") >= 2
     assert all(word in cli("study", "show", path.name).out for word in ("published", "cvar F", "balance", "spacing"))
+
+
+def test_trials_of_an_earlier_search_stand_below_ranked_designs(here, cli):
+    path = small.write(here, {"trials = 8": "trials = 4"}, '[designs.short]\n"arm.joints.upper.a" = 0.1\n')
+    assert cli("study", "run", path.name).code == 0
+    said = cli("study", "show", path.name, "--set", "study.trials=0")
+    assert said.code == 0, said.err
+    first = [line.split()[0] for line in said.out.splitlines() if line.split()[:1]]
+    assert first.index("short") < first.index("trial")
+    assert "--design 'trial " in said.out
+
+
+def test_the_mark_is_explained_only_where_it_stands(here, cli):
+    path = small.write(here, small.NO_SEARCH | {small.DESIGN: '[designs.one]\n"arm.joints.upper.a" = 0.3\n'})
+    assert "~" not in cli("study", "run", path.name).out

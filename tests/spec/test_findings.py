@@ -1,6 +1,7 @@
 """What a study file may get wrong: every finding starts with the TOML path and says what is allowed."""
 
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -341,7 +342,7 @@ def test_the_memory_of_a_whole_workspace_is_told_too(metric):
     """A long arm's workspace holds far more cells than the hands' grid."""
     spec = unsearched({"[layout]": f'[metrics.{metric}]\ncounting = "cells"\n[layout]'})
     with pytest.raises(SpecError, match=r"voxels\.size"):
-        evaluate(spec, {"voxels.size": 2e-3, "arm.joints.upper.a": 30.0})
+        evaluate(spec, {"voxels.size": 2e-3, "arm.joints.upper.a": 15.0})
 
 
 def test_an_index_that_vanishes_is_not_blamed_on_the_arm():
@@ -445,3 +446,54 @@ def test_settings_are_checked_too(tmp_path):
 
 def test_the_small_study_itself_is_right():
     assert tomllib.loads(small.SMALL)["study"]["name"] == small.spec().study.name
+
+
+@pytest.mark.parametrize(
+    ("settings", "line"),
+    [
+        ({"layout.spacing": 200.0}, "layout.spacing = 200.0: must be less than or equal to 20. "
+         "D: distance of the bases along x. Unit: m."),
+        ({"layout.offset.1": 802.0}, "layout.offset.1 = 802.0: must be less than or equal to 20. "
+         "R: operator origin to the midpoint of the bases. Unit: m."),
+        ({"operator.armrest": 50.0}, "operator.armrest = 50.0: must be less than or equal to 20. "
+         "Armrest above the reference plane: moves E in z. Unit: m."),
+    ],
+)  # fmt: skip
+def test_a_layout_in_millimetres(settings, line):
+    with pytest.raises(SpecError) as error:
+        unsearched({}).design(settings)
+    assert str(error.value) == line
+
+
+def test_an_arm_in_millimetres():
+    with pytest.raises(SpecError, match=r"arm: its tip is up to .* m from its base; .* not in millimetres"):
+        evaluate(unsearched({}), {"arm.joints.upper.a": 260.0})
+
+
+def test_degrees_read_as_radians():
+    with pytest.raises(SpecError, match=r'arm: joint waist has limits = .* rad, 19 turns: angles = "deg" reads'):
+        unsearched({}).design({"arm.angles": "rad"})
+
+
+@pytest.mark.parametrize("name", ["17", "trial 17", "leader 3"])
+def test_a_design_may_not_be_called_like_a_trial(name):
+    with pytest.raises(
+        SpecError, match=f"designs.{name}: commands call a trial of the search so. Choose another name."
+    ):
+        unsearched({"[layout]": f'[designs."{name}"]\n"layout.spacing" = 0.3\n[layout]'})
+
+
+def test_a_name_in_capitals_is_near():
+    with pytest.raises(SpecError, match=r"arm.kind = 'DH': .*did you mean 'dh'"):
+        unsearched({}).design({"arm.kind": "DH"})
+
+
+def test_a_byte_order_mark_is_no_statement(tmp_path):
+    path = tmp_path / "study.toml"
+    path.write_text("\ufeff" + (Path(__file__).parents[2] / "studies" / "paper.toml").read_text())
+    assert load(path).study.name == "paper"
+
+
+def test_an_objective_without_a_name():
+    with pytest.raises(SpecError, match=r"objectives.0.metric = '': must have at least 1 character"):
+        unsearched({"[layout]": '[[objectives]]\nmetric = ""\ndirection = "maximize"\n[layout]'})

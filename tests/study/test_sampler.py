@@ -408,6 +408,7 @@ def test_a_sampler_whose_package_is_missing_is_refused_before_anything_is_evalua
         SpecError, match=rf"study.sampler = '{name}': needs the package {package}.*pip install 'eiwa\[{name}"
     ):
         small.run(searching(name), tmp_path)
+    assert not list(tmp_path.rglob("study.json"))
 
 
 def test_an_option_makes_another_study():

@@ -14,6 +14,8 @@ from eiwa.core.hookspecs import Parameters, Plugin, hookimpl, quantity
 from eiwa.core.transforms import frozen, rotation_x, rotation_z, translation
 
 Convention = Literal["standard", "modified"]
+MOST_TURNS = 5
+"""Of a revolute joint with limits, to either side; 120 rad are 19."""
 
 
 TWISTS = {"waist": 0, "shoulder": 90, "upper": -90, "fore": 0, "pitch": -90, "roll": 90}
@@ -66,6 +68,16 @@ class DhParameters(ChainParameters):
     joints: Annotated[list[DhJoint], Field(min_length=1)] = quantity(
         description="The rows, from the base.", examples=[EXAMPLE]
     )
+
+    @model_validator(mode="after")
+    def _angles_are_in_their_unit(self) -> Self:
+        for joint in self.joints:
+            most = max(map(abs, joint.limits or [0.0])) if joint.kind == "revolute" else 0.0
+            if most * self.unit > 2 * np.pi * MOST_TURNS:
+                turns = f"{most * self.unit / (2 * np.pi):.0f} turns"
+                remedy = 'angles = "deg" reads them as degrees' if self.angles == "rad" else "write degrees"
+                raise ValueError(f"joint {joint.name} has limits = {joint.limits} {self.angles}, {turns}: {remedy}")
+        return self
 
     @model_validator(mode="after")
     def _names_differ(self) -> Self:
