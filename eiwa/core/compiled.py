@@ -230,24 +230,33 @@ def transpose(typing: Any, source: Any, first: Any, pitch: Any, target: Any, sta
 
 
 @compiled
-def fetch(layout: Any, first: Any, n: Any, w: Any, start: Any, stride: Any) -> None:
-    """Read n samples of an array from ``first`` on into rows of ``w``, ``stride`` entries apart, at ``start``.
+def fetch(layouts: Any, first: Any, n: Any, w: Any, start: Any, stride: Any) -> None:
+    """Read n samples of arrays from ``first`` on into rows of ``w``, ``stride`` entries apart, at ``start``.
 
-    ``layout``: the array's address, columns, distances of samples and of columns (one of them 1), and first row.
+    ``layouts``: each array's address, columns, distances of samples and of columns (one of them 1), and first row.
     """
-    array, start = carray(entries_at(layout[0], w), (1 << 48,)), start + layout[4] * stride
-    width, pitch, step = layout[1], layout[2], layout[3]
-    if pitch == 1:
+    for layout in layouts:
+        array, rows = carray(entries_at(layout[0], w), (1 << 48,)), w[start + layout[4] * stride :]
+        width, pitch, step = layout[1], layout[2], layout[3]
+        whole = n - n % 4 if pitch != 1 else 0
+        for s in range(0, whole, 4):
+            for j in range(0, width, 2):
+                k = min(j, width - 2)
+                transpose(array, (first + s) * pitch + k, pitch, rows, k * stride + s, stride)
         for j in range(width):
-            row, column = w[start + j * stride :], array[j * step + first :]
-            for s in range(n):
-                row[s] = column[s]
-        return
-    whole = n - n % 4
-    for s in range(0, whole, 4):
-        for j in range(0, width, 2):
-            k = min(j, width - 2)
-            transpose(array, (first + s) * pitch + k, pitch, w, start + k * stride + s, stride)
-    for s in range(whole, n):
-        for j in range(width):
-            w[start + j * stride + s] = array[(first + s) * pitch + j]
+            row, column = rows[j * stride :], array[j * step + first * pitch :]
+            if pitch == 1:
+                for s in range(n):
+                    row[s] = column[s]
+            else:
+                for s in range(whole, n):
+                    row[s] = column[s * pitch]
+
+
+@compiled
+def hand_out(w: Any, stride: Any, n: Any, rows: Any, start: Any) -> None:
+    """Copy n samples of the rows of ``w`` into ``rows``, from ``start`` on."""
+    for k in range(rows.shape[0]):
+        row, copy = w[k * stride :], rows[k, start:]
+        for s in range(n):
+            copy[s] = row[s]

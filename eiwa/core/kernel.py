@@ -158,7 +158,7 @@ import math
 
 import numpy as np
 
-from eiwa.core.compiled import compiled, fetch, flip, floor, power, select
+from eiwa.core.compiled import compiled, fetch, flip, floor, hand_out, power, select
 """
 
 
@@ -240,13 +240,9 @@ def run(w, p, inputs, y, first, last):
     for start in range(first, last, {samples}):
         n = min({samples}, last - start)
         for s in range(0, n, {block}):
-            for k in range(inputs.shape[0]):
-                fetch(inputs[k], start + s, min({block}, n - s), w, s, {stride})
+            fetch(inputs, start + s, min({block}, n - s), w, s, {stride})
             block(w[s:], p)
-        for row in range(y.shape[0]):
-            there, here = y[row, start:], w[({rows} + row) * {stride} :]
-            for s in range(n):
-                there[s] = here[s]
+        hand_out(w[{rows} * {stride} :], {stride}, n, y, start)
 """
 
 
