@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import fcntl
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, TypeVar
 
 import numba
 from llvmlite import binding, ir
-from numba import types
+from numba import carray, types
 from numba.core.cgutils import get_or_insert_function
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
@@ -188,3 +188,75 @@ def compress(typing: Any, cells: Any, picks: Any, start: Any, count: Any, offset
         return builder.add(total, builder.zext(builder.ctpop(builder.bitcast(mask, ir.IntType(16))), total.type))
 
     return types.int64(cells, picks, types.int64, types.int64, types.int64), build
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def entries_at(typing: Any, address: Any, like: Any) -> Any:
+    """A pointer to entries of the array's kind at an address."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
+
+    return types.CPointer(like.dtype)(types.int64, like), build
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def transpose(typing: Any, source: Any, first: Any, pitch: Any, target: Any, start: Any, stride: Any) -> Any:
+    """Write 2 adjacent entries of 4 samples, ``pitch`` entries apart, into 2 rows, ``stride`` entries apart."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        read, write = (make_array(signature.args[k])(context, builder, args[k]).data for k in (0, 3))
+        _, at, pitch, _, to, stride = args
+        kind = read.type.pointee
+
+        def vector(pointer: Any, index: Any, size: int) -> Any:
+            return builder.bitcast(builder.gep(pointer, [index]), ir.VectorType(kind, size).as_pointer())
+
+        def shuffled(a: Any, b: Any, picks: Sequence[int]) -> Any:
+            return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), 4), picks))
+
+        align, pairs = context.get_abi_sizeof(kind), []
+        for _ in range(4):
+            pairs.append(builder.load(vector(read, at, 2), align=align))
+            at = builder.add(at, pitch)
+        # In this order the rows come of the halves' interleaving, one instruction each.
+        even, odd = (shuffled(pairs[k], pairs[k + 2], (0, 1, 2, 3)) for k in (0, 1))
+        for picks in ((0, 4, 2, 6), (1, 5, 3, 7)):
+            builder.store(shuffled(even, odd, picks), vector(write, to, 4), align=align)
+            to = builder.add(to, stride)
+        return context.get_dummy_value()
+
+    return types.void(source, types.int64, types.int64, target, types.int64, types.int64), build
+
+
+@compiled
+def fetch(layouts: Any, first: Any, n: Any, w: Any, start: Any, stride: Any) -> None:
+    """Read n samples of arrays from ``first`` on into rows of ``w``, ``stride`` entries apart, at ``start``.
+
+    ``layouts``: each array's address, columns, distances of samples and of columns (one of them 1), and first row.
+    """
+    for layout in layouts:
+        array, rows = carray(entries_at(layout[0], w), (1 << 48,)), w[start + layout[4] * stride :]
+        width, pitch, step = layout[1], layout[2], layout[3]
+        whole = n - n % 4 if pitch != 1 else 0
+        for s in range(0, whole, 4):
+            for j in range(0, width, 2):
+                k = min(j, width - 2)
+                transpose(array, (first + s) * pitch + k, pitch, rows, k * stride + s, stride)
+        for j in range(width):
+            row, column = rows[j * stride :], array[j * step + first * pitch :]
+            if pitch == 1:
+                for s in range(n):
+                    row[s] = column[s]
+            else:
+                for s in range(whole, n):
+                    row[s] = column[s * pitch]
+
+
+@compiled
+def hand_out(w: Any, stride: Any, n: Any, rows: Any, start: Any) -> None:
+    """Copy n samples of the rows of ``w`` into ``rows``, from ``start`` on."""
+    for k in range(rows.shape[0]):
+        row, copy = w[k * stride :], rows[k, start:]
+        for s in range(n):
+            copy[s] = row[s]

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.kernel import SHORT, Map
-from eiwa.core.sampling import ARRAY_BLOCK
+from eiwa.core.kernel import Map
+from eiwa.core.sampling import ARRAY_BLOCK, BLOCK
 from eiwa.core.symbols import Column, where
 
 if TYPE_CHECKING:
@@ -296,7 +296,7 @@ def compiled_map(
     parameters: int,
     dtype: Any = float,
     outputs: tuple[int, ...] = (),
-    samples: int = SHORT,
+    samples: int = BLOCK,
 ) -> Map:
     """The compiled map of a function, kept while its structure is known (no None in the key)."""
     full = (*key, inputs, parameters, np.dtype(dtype))

@@ -38,8 +38,8 @@ Traceable = Callable[[list[Column], list[Column]], Sequence[Column]]
 """A function of input columns and parameters (scalars of the design) to output columns."""
 
 
-SHORT = 1 << 10
-"""Samples that a map takes at once unless told, so that its rows stay in the processor's cache."""
+PART = 1 << 12
+"""Samples of a map that a thread takes at once."""
 
 
 def aligned(size: int, dtype: Any) -> NDArray[Any]:
@@ -158,7 +158,7 @@ import math
 
 import numpy as np
 
-from eiwa.core.compiled import compiled, flip, floor, power, select
+from eiwa.core.compiled import compiled, fetch, flip, floor, hand_out, power, select
 """
 
 
@@ -236,17 +236,14 @@ def compile_now(module: ModuleType, call: Callable[[], Any]) -> None:
 _RUN = """
 
 @compiled
-def run(w, p, n):
-    for start in range(0, n, {block}):
-        block(w[start:], p)
+def run(w, p, inputs, y, first, last):
+    for start in range(first, last, {samples}):
+        n = min({samples}, last - start)
+        for s in range(0, n, {block}):
+            fetch(inputs, start + s, min({block}, n - s), w, s, {stride})
+            block(w[s:], p)
+        hand_out(w[{rows} * {stride} :], {stride}, n, y, start)
 """
-
-
-@compiled_module.compiled
-def _transpose(array: Any, rows: Any) -> None:
-    for s in range(array.shape[0]):
-        for j in range(array.shape[1]):
-            rows[j, s] = array[s, j]
 
 
 class Map:
@@ -266,7 +263,7 @@ class Map:
         extra: str = "",
         components: Sequence[ModuleType] = (),
         outputs: Sequence[int] = (),
-        samples: int = SHORT,
+        samples: int = BLOCK,
     ) -> None:
         self.dtype, self.samples = np.dtype(dtype), BLOCK if extra else samples
         widths = [inputs] if isinstance(inputs, int) else list(inputs)
@@ -276,11 +273,12 @@ class Map:
         self.outputs, step = rows[len(widths) :], stride(self.samples, dtype)
         self.shape: tuple[int, int] = (ends[-1], step)
         self.read = [
-            (k, part)
+            (k, part.start)
             for k, part in enumerate(rows[: len(widths)])
             if any(f"w[s + {row * step}]\n" in source for row in range(part.start, part.stop))
         ]
-        self.module = load_source(source + _RUN.format(block=BLOCK) + extra, components)
+        run = _RUN.format(samples=self.samples, block=BLOCK, stride=step, rows=sum(widths))
+        self.module = load_source(source + run + extra, components)
         empty = [np.zeros((1, width), self.dtype) for width in widths]
         compile_now(self.module, lambda: self.parts(*empty, np.zeros(parameters)))
 
@@ -297,31 +295,33 @@ class Map:
     def parts(self, *arguments: NDArray[Any]) -> list[NDArray[Any]]:
         """The same for several output arrays."""
         *inputs, parameters = arguments
-        n = len(inputs[0])
+        n, before = len(inputs[0]), self.outputs[0].start
+        read = [_readable(inputs[k], self.dtype) for k, _ in self.read]
+        layouts = [_layout(array, row) for array, (_, row) in zip(read, self.read, strict=True)]
+        table = np.array(layouts, np.int64).reshape(len(read), 5)
         if n <= self.samples:
-            w = self._evaluate(inputs, parameters, slice(0, n), aligned(self.size, self.dtype))
-            return [w[rows, :n].T for rows in self.outputs]
-        y = [empty_rows(n, rows.stop - rows.start, self.dtype) for rows in self.outputs]
+            w = aligned(self.size, self.dtype)
+            self.module.run(w, parameters, table, np.empty((0, 0), self.dtype), 0, n)
+            return [w.reshape(self.shape)[rows, :n].T for rows in self.outputs]
+        y = empty_rows(n, self.shape[0] - before, self.dtype)
 
         def work(start: int) -> None:
-            part = slice(start, min(start + self.samples, n))
-            w = self._evaluate(inputs, parameters, part, scratch(self.size, self.dtype))
-            for array, rows in zip(y, self.outputs, strict=True):
-                array[:, part] = w[rows, : part.stop - start]
+            w = scratch(self.size, self.dtype)
+            self.module.run(w, parameters, table, y, start, min(start + PART, n))
 
-        on_all_threads(work, range(0, n, self.samples))
-        return [array[:, :n].T for array in y]
+        on_all_threads(work, range(0, n, PART))
+        return [y[rows.start - before : rows.stop - before, :n].T for rows in self.outputs]
 
-    def _evaluate(
-        self, inputs: Sequence[NDArray[Any]], parameters: NDArray[Any], part: slice, room: NDArray[Any]
-    ) -> NDArray[Any]:
-        """The ``part`` of the inputs and what comes of it, in ``room``: a row per column."""
-        w, n = room.reshape(self.shape), part.stop - part.start
-        for k, rows in self.read:
-            array = inputs[k][part]
-            if array.strides[0] == array.itemsize:
-                w[rows, :n] = array.T
-            else:
-                _transpose(np.ascontiguousarray(array, self.dtype), w[rows])
-        self.module.run(room, parameters, n)
-        return w
+
+def _readable(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:
+    """The array, or a copy that :func:`~eiwa.core.compiled.fetch` can read."""
+    (pitch, step), size = array.strides, dtype.itemsize
+    adjacent = size in (pitch, step) and min(pitch, step) >= 0 and pitch % size == step % size == 0
+    return array if adjacent and array.dtype == dtype and array.flags.aligned else np.ascontiguousarray(array, dtype)
+
+
+def _layout(array: NDArray[Any], row: int) -> tuple[int, int, int, int, int]:
+    """What :func:`~eiwa.core.compiled.fetch` needs to know of it, to read it into rows from ``row`` on."""
+    pitch, step = array.strides
+    address: int = array.__array_interface__["data"][0]
+    return address, array.shape[1], pitch // array.itemsize, step // array.itemsize, row

@@ -62,6 +62,7 @@ def fill_plain(w: Any, stride: int, dimensions: int, start: Any, key: Any, table
     """Write a block of SplitMix64 points into the first rows of the scratch ``w``."""
     gamma = np.uint64(0x9E3779B97F4A7C15)
     for j in range(dimensions):
+        row = w[j * stride :]  # the vectoriser does not see that j * stride + s is not negative
         state = key + gamma * (start * np.uint64(dimensions) + np.uint64(j + 1))
         for s in range(256):
             z = state + (gamma * np.uint64(dimensions)) * np.uint64(s)
@@ -70,17 +71,17 @@ def fill_plain(w: Any, stride: int, dimensions: int, start: Any, key: Any, table
             z = z ^ (z >> np.uint64(31))
             if w.itemsize == 8:
                 bits = (z >> np.uint64(12)) | np.uint64(0x3FF0000000000000)
-                w[j * stride + s] = float64_from_bits(bits) - (1.0 - 2.0**-53)
+                row[s] = float64_from_bits(bits) - (1.0 - 2.0**-53)
             else:
                 bits = (z >> np.uint64(41)) | np.uint64(0x3F800000)
-                w[j * stride + s] = float32_from_bits(bits) - np.float32(1.0 - 2.0**-24)
+                row[s] = float32_from_bits(bits) - np.float32(1.0 - 2.0**-24)
 
 
 @compiled
 def fill_sobol(w: Any, stride: int, dimensions: int, start: Any, key: Any, table: Any) -> None:
     """Write a block of shifted Sobol points; ``start`` is a multiple of the block."""
     for j in range(dimensions):
-        high = table[j, 32]
+        row, high = w[j * stride :], table[j, 32]
         for b in range(8, 32):
             if (start >> np.uint64(b)) & np.uint64(1):
                 high ^= table[j, b]
@@ -88,10 +89,10 @@ def fill_sobol(w: Any, stride: int, dimensions: int, start: Any, key: Any, table
             x = high ^ table[j, 33 + s]
             if w.itemsize == 8:
                 bits = (x << np.uint64(20)) | np.uint64(0x3FF0000000000000)
-                w[j * stride + s] = float64_from_bits(bits) - (1.0 - 2.0**-33)
+                row[s] = float64_from_bits(bits) - (1.0 - 2.0**-33)
             else:
                 bits = (x >> np.uint64(9)) | np.uint64(0x3F800000)
-                w[j * stride + s] = float32_from_bits(bits) - np.float32(1.0 - 2.0**-24)
+                row[s] = float32_from_bits(bits) - np.float32(1.0 - 2.0**-24)
 
 
 @compiled

@@ -47,6 +47,10 @@ CHANGES = {
         "raised ValueError: jacobians must have shape (32, 6, 6) for 32 postures of 6 joints, not (32, 5, 6)",
     ),
     "nan": (lambda s, p: {"tips": p.tips * np.nan}, "tips that are not finite"),
+    "an infinite jacobian": (
+        lambda s, p: {"jacobians": p.jacobians + np.inf},
+        "Jacobians that are not finite at 32 of 32",
+    ),
 }
 
 

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eiwa.core import symbols
-from eiwa.core.kernel import SHORT, Map, trace_block
-from eiwa.core.sampling import Stream
+from eiwa.core.kernel import PART, Map, trace_block
+from eiwa.core.sampling import BLOCK, Stream
 from eiwa.core.symbols import Symbol, Tape
 from tests import arms
 
@@ -303,6 +303,11 @@ LAYOUTS = {
     "part of a longer array": lambda x: np.vstack([x, x])[: len(x)],
     "every second": lambda x: np.repeat(x, 2, axis=0)[::2],
     "reversed": lambda x: x[::-1].copy()[::-1],
+    "part of wider rows": lambda x: np.hstack([x, x])[:, : x.shape[1]],
+    "columns reversed": lambda x: np.asfortranarray(x[:, ::-1])[:, ::-1],
+    "the same sample": lambda x: np.broadcast_to(np.arange(3.0), x.shape),
+    "single precision": lambda x: x.astype(np.float32),
+    "not aligned": lambda x: np.ndarray(x.shape, float, b"\0" + x.tobytes(), offset=1),
 }
 
 
@@ -313,10 +318,11 @@ def reading():
 
 
 @pytest.mark.parametrize("laid_out", LAYOUTS.values(), ids=LAYOUTS)
-@pytest.mark.parametrize("n", [0, 1, 257, SHORT, SHORT + 1, 20_001])
+@pytest.mark.parametrize("n", [0, 1, 3, 4, BLOCK, BLOCK + 1, PART + 1, 20_001])
 def test_inputs_may_be_laid_out_as_they_like(reading, n, laid_out):
-    x = np.random.default_rng(0).normal(size=(n, 3))
-    difference, first = reading.parts(laid_out(x), np.zeros((n, 2)), np.zeros(0))
+    x = laid_out(np.random.default_rng(0).normal(size=(n, 3)))
+    difference, first = reading.parts(x, np.zeros((n, 2)), np.zeros(0))
+    x = x.astype(float)
     np.testing.assert_array_equal(np.hstack([difference, first]), np.stack([x[:, 0] - x[:, 2], x[:, 0]], axis=1))
 
 
