@@ -238,7 +238,7 @@ def fetch(layouts: Any, first: Any, n: Any, w: Any, start: Any, stride: Any) -> 
     for layout in layouts:
         array, rows = carray(entries_at(layout[0], w), (1 << 48,)), w[start + layout[4] * stride :]
         width, pitch, step = layout[1], layout[2], layout[3]
-        whole = n - n % 4 if pitch != 1 else 0
+        whole = n - n % 4 if pitch != 1 and width > 1 else 0
         for s in range(0, whole, 4):
             for j in range(0, width, 2):
                 k = min(j, width - 2)

@@ -326,6 +326,14 @@ def test_inputs_may_be_laid_out_as_they_like(reading, n, laid_out):
     np.testing.assert_array_equal(np.hstack([difference, first]), np.stack([x[:, 0] - x[:, 2], x[:, 0]], axis=1))
 
 
+def test_one_column_of_many():
+    """Nothing before it is read, and nothing before its row is written."""
+    double = Map(lambda u, p: [2 * u[1], u[0]], (1, 1), 0)
+    x = np.random.default_rng(0).normal(size=(9, 2, 2))
+    found = double(x[:, 0, :1], x[:, 1, :1], np.zeros(0))
+    np.testing.assert_array_equal(found, np.stack([2 * x[:, 1, 0], x[:, 0, 0]], axis=1))
+
+
 def test_the_columns_of_postures_are_contiguous():
     """So that NumPy reads an entry of all Jacobians as quickly as it can; powers of two apart, they would share cache sets."""
     postures = arms.paper().postures(Stream("plain", 1).points(0, 4096, 6))
