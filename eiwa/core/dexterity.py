@@ -36,11 +36,16 @@ class Dexterity:
     @property
     def traced(self) -> bool:
         """Whether arm and index are compiled into one kernel."""
-        return Family((self,)).traced
+        return self.alone.traced
+
+    @cached_property
+    def alone(self) -> Family:
+        """The family of this one."""
+        return Family((self,))
 
     def raw(self, u: Array) -> tuple[Array, Array]:
         """Tips (n, 3) [m] and the index before normalisation (n,), -1 where there is no solution."""
-        tips, raw = Family((self,)).evaluate(u)
+        tips, raw = self.alone.evaluate(u)
         return tips, raw[:, 0]
 
     @cached_property

@@ -194,7 +194,7 @@ def _explorer(
     evaluate = (_fused if family.traced else _by_arrays)(family, frozen, stream, dtype)
     rows = np.empty(len(targets) * GENERATION.stop, np.int32)
     found = np.empty((rows.size, members + dof), dtype)
-    occupied, count, in_order = np.empty(best.size, np.int32), 0, 0
+    occupied, count, in_order = np.empty(len(best), np.int32), 0, 0
 
     def explore(first: int, size: int) -> None:
         nonlocal count, in_order
@@ -215,30 +215,35 @@ def _explorer(
 
 
 @compiled
-def propose(w: Any, stride: Any, dof: Any, n: Any, first: Any, key: Any, occupied: Any, parents: Any) -> None:
+def propose(
+    w: Any, stride: Any, dof: Any, n: Any, first: Any, key: Any, occupied: Any, elites: Any, members: Any
+) -> None:
     """Candidates number ``first`` ... ``first + n - 1`` into the first rows of the scratch ``w``, which has one row more.
 
-    Without elites: plain samples. Else candidate i takes elite i (in turn), and moves a random half of its joints by up
-    to 2^-4 ... 2^-11 of their ranges, one in 32 by up to the whole range (another branch of the inverse kinematics may be
+    Without elites: plain samples. Else candidate i takes a cell (in turn) and inherits each joint from one of two members'
+    elites there: what one member has found, another may use. It moves a random half of its joints by up to
+    2^-4 ... 2^-11 of their ranges, one in 32 by up to the whole range (another branch of the inverse kinematics may be
     better there), reflected at the ends.
     """
     count, words = occupied.shape[0], np.uint64(dof + 1)
     start, step = key + GAMMA * (np.uint64(first) * words), GAMMA * words
     if count > 0:
-        turn = first % count
-        for i in range(n):
-            parent = occupied[turn]
-            turn = turn + 1 if turn + 1 < count else 0
-            for j in range(dof):
-                w[j * stride + i] = parents[parent, j]
-        # Nothing but w is read or written from here on, and words are counted by adding, so that the loops vectorise.
-        z = start
-        for i in range(n):
+        turn, z, drawn = first % count, start, np.empty(n, np.uint64)
+        for i in range(n):  # words are counted by adding, so that the loops over them vectorise
             word = mixed(z)
             far = word & np.uint64(31 << 3) == np.uint64(0)
             halvings = select(far, np.uint64(0), np.uint64(4) + (word & np.uint64(7)))
             w[dof * stride + i] = float64_from_bits((np.uint64(1023) - halvings) << np.uint64(52))
+            drawn[i] = word >> np.uint64(8)
             z += step
+        for i in range(n):
+            bits, first_of_cell = drawn[i], np.uintp(occupied[turn]) * np.uintp(members)
+            mother = elites[first_of_cell + one_of(members, bits >> np.uint64(40))]
+            father = elites[first_of_cell + one_of(members, bits >> np.uint64(24))]
+            for j in range(dof):
+                w[j * stride + i] = mother[j] if bits & np.uint64(1) else father[j]
+                bits >>= np.uint64(1)
+            turn = turn + 1 if turn + 1 < count else 0
     for j in range(dof):
         z = start + GAMMA * np.uint64(j + 1)
         if count > 0:
@@ -262,6 +267,12 @@ def unit(bits: Any) -> Any:
 
 
 @compiled
+def one_of(members: Any, bits: Any) -> Any:
+    """The number of one of so many members, from the lower 16 bits."""
+    return (bits & np.uint64(0xFFFF)) * np.uint64(members) >> np.uint64(16)
+
+
+@compiled
 def mixed(z: Any) -> Any:
     """SplitMix64's output function."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -277,6 +288,7 @@ def keep_better(u: Any, tip: Any, raws: Any, n: Any, frozen: Any, room: Any, row
     u. A ``rows`` entry is target times slots + slot, a ``found`` entry the values of all members and then the point.
     ``room`` is scratch, two rows of at least min(n, BLOCK). Returns the new ``count``.
     """
+    # Signed indices are asked whether they are negative, which takes a third of the time.
     affines, layout, slots, best, scales = frozen
     (x, y, z), cells, picks = tip, room[0], room[1]
     members, size = len(raws), best.shape[0] // layout.shape[0]
@@ -288,11 +300,11 @@ def keep_better(u: Any, tip: Any, raws: Any, n: Any, frozen: Any, room: Any, row
             inside = workspace.locate(x[part], y[part], z[part], raws[0][part], length, *target, cells, picks)
             kept, better = 0, 0
             for k in range(inside):
-                slot = slots[cells[k]]
+                slot = slots[np.uintp(cells[k])]
                 cells[kept], picks[kept] = t * size + slot, start + picks[k]
                 kept += slot >= 0
             for k in range(kept):
-                row, i, any_better = cells[k], picks[k], False
+                row, i, any_better = np.uintp(cells[k]), np.uintp(picks[k]), False
                 for m in range(members):
                     any_better |= raws[m][i] * scales[m] > best[row, m]
                 cells[better], picks[better] = row, i
@@ -311,18 +323,18 @@ def keep_better(u: Any, tip: Any, raws: Any, n: Any, frozen: Any, room: Any, row
 def merge(best: Any, elites: Any, rows: Any, found: Any, occupied: Any, count: Any) -> Any:
     """Credit candidates in the order of their numbers; a tie keeps the earlier one.
 
-    Elites that were empty are appended to the first ``count`` of ``occupied``; returns the new count.
+    A candidate counts for all members, so that their elites appear together. Rows that were empty are appended to the
+    first ``count`` of ``occupied``; returns the new count.
     """
     members, dof = best.shape[1], elites.shape[1]
     for k in range(rows.shape[0]):
         row = rows[k]
+        if best[row, 0] < 0.0:
+            occupied[count] = row
+            count += 1
         for m in range(members):
-            value, before = found[k, m], best[row, m]
-            if value > before:
-                if before < 0.0:
-                    occupied[count] = row * members + m
-                    count += 1
-                best[row, m] = value
+            if found[k, m] > best[row, m]:
+                best[row, m] = found[k, m]
                 for j in range(dof):
                     elites[row * members + m, j] = found[k, members + j]
     return count
@@ -334,9 +346,9 @@ def _by_arrays(
     """Proposal, kinematics, indices and comparison of n candidates, for plugins in plain NumPy."""
     dof, key = family.arm.dof, np.uint64(stream.key)
 
-    def evaluate(first: int, n: int, occupied: Any, parents: Any, rows: Any, found: Any) -> int:
+    def evaluate(first: int, n: int, occupied: Any, elites: Any, rows: Any, found: Any) -> int:
         u, room = np.empty((dof + 1, n)), np.empty((2, BLOCK), np.int32)
-        propose(u.ravel(), n, dof, n, first, key, occupied, parents)
+        propose(u.ravel(), n, dof, n, first, key, occupied, elites, len(family.members))
         u = u[:dof].astype(dtype, copy=False)
         x, y, z, *raws = family.rows(u.T, dtype)
         return int(keep_better(u, (x, y, z), tuple(raws), n, frozen, room, rows, found, 0))
@@ -350,14 +362,14 @@ def _fused(
     """The same as one kernel."""
     dof = family.arm.dof
     raws = ", ".join(f"columns[{dof + 3 + m}]" for m in range(len(family.members)))
-    source = _EXPLORE.format(block=BLOCK, stride=stride(BLOCK, dtype), dof=dof, raws=raws)
+    source = _EXPLORE.format(block=BLOCK, stride=stride(BLOCK, dtype), dof=dof, raws=raws, members=len(family.members))
     kernel = family.kernel(dtype, source, (sampling, workspace, _this_module()))
     constants, key = family.constants, np.uint64(stream.key)
 
-    def evaluate(first: int, n: int, occupied: Any, parents: Any, rows: Any, found: Any) -> int:
+    def evaluate(first: int, n: int, occupied: Any, elites: Any, rows: Any, found: Any) -> int:
         w, room = scratch(kernel.size, dtype), np.empty((2, BLOCK), np.int32)
         explore = kernel.module.explore
-        return int(explore(first, n, key, occupied, parents, constants, w, frozen, room, rows, found))
+        return int(explore(first, n, key, occupied, elites, constants, w, frozen, room, rows, found))
 
     return evaluate
 
@@ -373,13 +385,13 @@ from eiwa.core.elites import keep_better, propose
 
 
 @compiled
-def explore(first, size, key, occupied, parents, p, w, frozen, room, rows, found):
+def explore(first, size, key, occupied, elites, p, w, frozen, room, rows, found):
     columns = w.reshape(-1, {stride})
     u, tip, raws = columns[:{dof}], (columns[{dof}], columns[{dof} + 1], columns[{dof} + 2]), ({raws},)
     count = 0
     for start in range(0, size, {block}):
         n = min({block}, size - start)
-        propose(w, {stride}, {dof}, n, first + start, key, occupied, parents)
+        propose(w, {stride}, {dof}, n, first + start, key, occupied, elites, {members})
         block(w, p)
         count = keep_better(u, tip, raws, n, frozen, room, rows, found, count)
     return count

@@ -54,6 +54,8 @@ class Postures:
     def solved(self) -> Postures:
         """Those that are valid."""
         v = self.valid
+        if v.all():
+            return self
         u, q, tips, rotations, jacobians = self.u[v], self.q[v], self.tips[v], self.rotations[v], self.jacobians[v]
         return Postures(u, q, tips, rotations, jacobians, v[v], self.limited)
 
