@@ -95,6 +95,22 @@ def test_the_same_bits_for_any_number_of_threads(monkeypatch, dtype):
     np.testing.assert_array_equal(results[0], results[2])
 
 
+def test_candidates_inherit_joints_from_two_members_of_their_cell():
+    """Cell 4's elites lie at 0.1, 0.2 and 0.3 in all joints; the joints that did not move say whose they were."""
+    dof, n, members = 6, 3000, 3
+    all_elites = np.full((5 * members, dof), np.nan)
+    all_elites[4 * members :] = [[0.1], [0.2], [0.3]]
+    w = np.empty((dof + 1, n))
+    elites.propose(w.ravel(), n, dof, n, 0, np.uint64(7), np.array([4], np.int32), all_elites, members)
+    u = w[:dof].T
+    whose = [np.isclose(u, value, rtol=0, atol=1e-12) for value in (0.1, 0.2, 0.3)]
+    assert np.sum(whose) / u.size == pytest.approx(0.5, abs=0.02)
+    assert [np.mean(w) for w in whose] == pytest.approx([1 / 6] * 3, abs=0.02)
+    parents = np.any(whose, axis=2).sum(axis=0)
+    assert set(parents) == {0, 1, 2}
+    assert ((u > 0) & (u < 1)).all()
+
+
 def test_a_plain_numpy_index_is_refined_too():
     dexterity = prepared()
     plain = ArrayIndex(lambda postures: dexterity.index.values(postures, dexterity.prepared))
