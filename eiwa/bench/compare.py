@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,8 +15,7 @@ from eiwa.bench.comparators import COMPARATORS, Foreign, kinematics, penalty, st
 from eiwa.bench.measure import Contender, Record, Tell, keys, visit
 from eiwa.core.dexterity import Family
 from eiwa.core.filling import CHUNK, Filled, Sampling, fill
-from eiwa.core.interfaces import NOTHING, Arm, DexterityIndex, Postures
-from eiwa.core.kernel import on_all_threads, thread_count
+from eiwa.core.interfaces import Arm, DexterityIndex, Postures
 from eiwa.core.sampling import ARRAY_BLOCK, Stream
 
 SAMPLES = 1 << 20
@@ -63,6 +62,31 @@ class NumpyIndex(DexterityIndex):
         J = postures.jacobians
         w = np.sqrt(np.maximum(np.linalg.det(J @ J.transpose(0, 2, 1)), 0))
         return np.asarray(w * penalty(np, self.case, postures.u.T))
+
+
+STORED = ("q", "tips", "rotations", "jacobians", "valid")
+
+
+@dataclass(frozen=True, eq=False)
+class StoredArm(NumpyArm):
+    """The same postures for every block, which cost nothing: C-ordered arrays, as NumPy makes them."""
+
+    stored: Postures
+
+    def postures(self, u: NDArray[Any]) -> Postures:
+        """As many as are asked for."""
+        return replace(self.stored, u=u, **{name: getattr(self.stored, name)[: len(u)] for name in STORED})
+
+
+@dataclass(frozen=True, eq=False)
+class StoredIndex(DexterityIndex):
+    """The same values for every block."""
+
+    stored: NDArray[Any]
+
+    def values(self, postures: Postures, prepared: NDArray[np.float64]) -> NDArray[Any]:
+        """As many as are asked for."""
+        return self.stored[: len(postures.u)]
 
 
 def filled(family: Family, case: Case, precision: str, samples: int, key: int) -> list[Filled]:
@@ -161,23 +185,20 @@ def _roof(
 
 
 def _array_forms(family: Family, case: Case, record: Record, bases: dict[int, Contender]) -> Iterator[Contender]:
-    """An arm and an index in plain NumPy within eiwa's flow, and their own time alone."""
-    arm, index = NumpyArm(case), NumpyIndex(case)
-    u = Stream("plain", 1).points(0, ARRAY_BLOCK, case.joints)
-    postures = case.setup.arm.postures(u)
+    """An arm and an index in plain NumPy within eiwa's flow, and with stored answers what eiwa adds to their own time."""
+    postures = case.setup.arm.postures(Stream("plain", 1).points(0, ARRAY_BLOCK, case.joints))
+    arrays: dict[str, Any] = {name: np.ascontiguousarray(getattr(postures, name)) for name in STORED}
+    (member,) = (
+        family.members
+    )  # prepared already: a study refuses an index that answers the same to whatever it is asked
+    arm, index = StoredArm(case, replace(postures, **arrays)), StoredIndex(abs(arrays["tips"][:, 0]))
     forms = {
-        "eiwa, NumPy arm": (case.family(arm=arm), lambda: arm.postures(u)),
-        "eiwa, NumPy index": (case.family(index=index), lambda: index.values(postures, NOTHING)),
+        "eiwa, NumPy arm": (case.family(arm=NumpyArm(case)), Family((replace(member, arm=arm),))),
+        "eiwa, NumPy index": (case.family(index=NumpyIndex(case)), Family((replace(member, index=index),))),
     }
-    samples = 1 << 18
-    for who, (other, alone) in forms.items():
-        known = checked(replace(record, who=who, samples=samples), difference(family, other))
-
-        def own(n: int, alone: Callable[[], Any] = alone) -> None:
-            blocks = range(max(1, n // ARRAY_BLOCK // thread_count()))
-            on_all_threads(lambda _: [alone() for _ in blocks], range(thread_count()))
-
+    for who, (other, stored) in forms.items():
+        known = checked(replace(record, who=who, samples=1 << 18), difference(family, other))
         for t, base in bases.items():
-            flow = Contender(replace(known, threads=t), visit(_flow(other, case, record.precision), samples), base)
-            yield flow
-            yield Contender(replace(known, part="plugin", threads=t), visit(own, samples), flow)
+            yield Contender(replace(known, threads=t), visit(_flow(other, case, record.precision), 1 << 18), base)
+            added = replace(record, who=who, part="rest", threads=t)
+            yield Contender(added, visit(_flow(stored, case, record.precision), SAMPLES), base)

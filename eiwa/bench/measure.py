@@ -34,10 +34,10 @@ Tell = Callable[[str], None]
 class Record:
     """One line of the results.
 
-    ``what``: compare, share or scaling; ``part``: flow (samples to voxels), plugin (an arm's or index's own time),
-    product (the flow's flops as a matrix product), a stage of a trial, or the setting that varies. ``seconds`` is the
+    ``what``: compare, share or scaling; ``part``: flow (samples to voxels), rest (what eiwa adds to a plugin in
+    NumPy), product (the flow's flops as a matrix product), a stage of a trial, or the setting that varies. ``seconds`` is the
     median over the visits, ``least`` the least, ``lower`` and ``upper`` the quartiles; each per ``unit``, a sample or a
-    trial. ``ratio``, the median over visits too: to eiwa (compare; a plugin's to its flow), to a trial (share), to the
+    trial. ``ratio``, the median over visits too: to eiwa (compare), to a trial (share), to the
     case of the comparison (scaling). ``tip_error`` [m] and ``dexterity_error`` (of the largest): the largest difference
     from eiwa; one who does not ``agree`` is not timed. ``voxel`` in m; ``flops`` per sample, as roof.cpp counts them;
     ``others``: cores that other processes kept busy meanwhile.

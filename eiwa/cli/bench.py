@@ -146,23 +146,14 @@ def _roofs(records: Sequence[Record]) -> list[View]:
 
 def _array_forms(records: Sequence[Record]) -> list[View]:
     rows = []
-    for own in (r for r in records if r.part == "plugin" and r.seconds):
-        flow, roof = (
-            _one(records, who=own.who, part="flow", **_setting(own)),
-            _one(records, who="roof", **_setting(own)),
-        )
-        assert own.seconds and flow and flow.seconds
-        rest = _rest(own, flow)
-        times = [_number(1e9 * value) for value in (flow.seconds, own.seconds, rest)]
-        over = _number(rest / roof.seconds) if roof and roof.seconds else ""
-        rows.append([own.who, str(own.joints), str(own.threads), *times, over])
-    columns = ["with", "joints", "threads", "flow ns", "its own ns", "rest ns", "rest / roof"]
+    for rest in (r for r in records if r.part == "rest" and r.seconds and r.ratio):
+        flow, roof = (_one(records, who=who, part="flow", **_setting(rest)) for who in (rest.who, "roof"))
+        assert rest.seconds and rest.ratio and flow and flow.seconds
+        times = [_number(1e9 * value) for value in (flow.seconds, rest.seconds)]
+        over = _number(rest.ratio / roof.ratio) if roof and roof.ratio else ""
+        rows.append([rest.who, str(rest.joints), str(rest.threads), *times, over])
+    columns = ["with", "joints", "threads", "flow ns", "without its own ns", "that / roof"]
     return [View("An arm or an index in plain NumPy within eiwa's flow", columns, rows)] if rows else []
-
-
-def _rest(own: Record, flow: Record) -> float:
-    """Seconds of a flow beside a plugin's own."""
-    return (flow.seconds or 0.0) * (1 - (own.ratio or 0.0))
 
 
 def _goals(records: Sequence[Record]) -> list[View]:
@@ -182,10 +173,8 @@ def _goals(records: Sequence[Record]) -> list[View]:
             found["eiwa / roof"].append(1 / r.ratio)
         elif r.part == "product" and roof and roof.ratio:
             found["matrix product / roof"].append(r.ratio / roof.ratio)
-        elif r.part == "plugin" and roof and roof.seconds:
-            flow = _one(records, who=r.who, part="flow", **_setting(r))
-            assert flow
-            found["rest of the array form / roof"].append(_rest(r, flow) / roof.seconds)
+        elif r.part == "rest" and roof and roof.ratio:
+            found["rest of the array form / roof"].append(r.ratio / roof.ratio)
     rows = [[name, aims[name], _number(min(seen)), _number(max(seen))] for name, seen in found.items() if seen]
     return [View("What eiwa aims at", ["ratio of times", "aim", "least", "most"], rows)] if rows else []
 
