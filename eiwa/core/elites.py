@@ -38,6 +38,9 @@ GROWTH = 2.0**0.25
 """Checkpoints stand where the evaluations have grown by this factor; four of them make a doubling."""
 CAUTION = 2.0
 """What remains is estimated as this multiple of the last doubling's gain; benchmarks/refinement.py shows the evidence."""
+EARLY = 1 << 20
+"""Until then, one candidate in 8 moves anywhere, later one in 32: branches of the inverse kinematics are found early, while
+no cell's elite is at its best, or not at all."""
 GAMMA = np.uint64(0x9E3779B97F4A7C15)
 """SplitMix64's increment."""
 SORTED = 17 / 16
@@ -222,8 +225,8 @@ def propose(
 
     Without elites: plain samples. Else candidate i takes a cell (in turn) and inherits each joint from one of two members'
     elites there: what one member has found, another may use. It moves a random half of its joints by up to
-    2^-4 ... 2^-11 of their ranges, one in 32 by up to the whole range (another branch of the inverse kinematics may be
-    better there), reflected at the ends.
+    2^-4 ... 2^-11 of their ranges, a few by up to the whole range (another branch of the inverse kinematics may be better
+    there), reflected at the ends.
     """
     count, words = occupied.shape[0], np.uint64(dof + 1)
     start, step = key + GAMMA * (np.uint64(first) * words), GAMMA * words
@@ -231,7 +234,8 @@ def propose(
         turn, z, drawn = first % count, start, np.empty(n, np.uint64)
         for i in range(n):  # words are counted by adding, so that the loops over them vectorise
             word = mixed(z)
-            far = word & np.uint64(31 << 3) == np.uint64(0)
+            seldom = select(first + i < EARLY, np.uint64(7 << 3), np.uint64(31 << 3))
+            far = word & seldom == np.uint64(0)
             halvings = select(far, np.uint64(0), np.uint64(4) + (word & np.uint64(7)))
             w[dof * stride + i] = float64_from_bits((np.uint64(1023) - halvings) << np.uint64(52))
             drawn[i] = word >> np.uint64(8)
