@@ -470,9 +470,23 @@ def test_an_arm_in_millimetres():
         evaluate(unsearched({}), {"arm.joints.upper.a": 260.0})
 
 
-def test_degrees_read_as_radians():
-    with pytest.raises(SpecError, match=r'arm: joint waist has limits = .* rad, 19 turns: angles = "deg" reads'):
-        unsearched({}).design({"arm.angles": "rad"})
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"arm.angles": "rad"}, r'waist has limits = .* rad, 19.1 turns, .*: angles = "deg" reads them as degrees'),
+        (
+            {"arm.joints.upper.limits": [0, 1801]},
+            "upper has limits = .* deg, 5.003 turns, at most 5 .*: without limits",
+        ),
+    ],
+)
+def test_joints_of_many_turns(settings, words):
+    with pytest.raises(SpecError, match=f"arm: joint {words}"):
+        unsearched({}).design(settings)
+
+
+def test_joints_of_five_turns():
+    assert unsearched({}).design({"arm.joints.upper.limits": [-1800, 1800]})
 
 
 @pytest.mark.parametrize("name", ["17", "trial 17", "leader 3"])

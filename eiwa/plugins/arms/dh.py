@@ -74,8 +74,10 @@ class DhParameters(ChainParameters):
         for joint in self.joints:
             most = max(map(abs, joint.limits or [0.0])) if joint.kind == "revolute" else 0.0
             if most * self.unit > 2 * np.pi * MOST_TURNS:
-                turns = f"{most * self.unit / (2 * np.pi):.0f} turns"
-                remedy = 'angles = "deg" reads them as degrees' if self.angles == "rad" else "write degrees"
+                turns = f"{most * self.unit / (2 * np.pi):.4g} turns, at most {MOST_TURNS} are allowed"
+                remedy = (
+                    'angles = "deg" reads them as degrees' if self.angles == "rad" else "without limits it turns freely"
+                )
                 raise ValueError(f"joint {joint.name} has limits = {joint.limits} {self.angles}, {turns}: {remedy}")
         return self
 
