@@ -230,9 +230,10 @@ def load(
 
 
 def _unknown_hooks(manager: pluggy.PluginManager, module: object) -> list[str]:
-    """Names of a plugin's functions that are marked as hooks and are none."""
-    marked = (name for name in dir(module) if manager.parse_hookimpl_opts(module, name) is not None)
-    return [name for name in marked if not hasattr(hookspecs, name)]
+    """Names of hooks that a plugin's functions are marked as, and that there are none of."""
+    marked = ((name, manager.parse_hookimpl_opts(module, name)) for name in dir(module))
+    hooks = [options["specname"] or name for name, options in marked if options is not None]
+    return [name for name in hooks if not hasattr(hookspecs, name)]
 
 
 def _checked(records: Any, provider: str, hook: str) -> list[Plugin]:

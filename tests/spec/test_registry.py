@@ -132,6 +132,19 @@ def test_a_misspelt_hook_is_refused():
     assert "eiwa_arm" in message
 
 
+def test_a_function_may_be_called_otherwise_than_its_hook():
+    """As pluggy has it; a misspelt name is refused there too."""
+
+    def function():
+        return [Plugin("mine", Nothing, lambda parameters: None)]
+
+    known = Registry()
+    known.add(SimpleNamespace(mine=hookimpl(function, specname="eiwa_arms")), "mine.py", "1")
+    assert ("arm", "mine") in known.entries
+    wrong = SimpleNamespace(mine=hookimpl(function, specname="eiwa_arm"))
+    assert "eiwa_arm: there is no such hook; did you mean 'eiwa_arms'?" in refused(Registry(), wrong)
+
+
 def test_a_hook_with_arguments_of_its_own_is_refused():
     @hookimpl
     def eiwa_arms(where):
