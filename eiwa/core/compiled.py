@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any, TypeVar
@@ -43,7 +45,44 @@ def compiled(function: F) -> F:
     options = {"nogil": True, "cache": True, "fastmath": FASTMATH, "error_model": "numpy"}
     decorated: Any = numba.njit(**options)(function)
     _share(decorated._cache)
+    compile_for = decorated.compile
+
+    def undisturbed(signature: Any) -> Any:
+        with _ctrl_c_waits():
+            return compile_for(signature)
+
+    decorated.compile = undisturbed
     return decorated  # type: ignore[no-any-return]
+
+
+class _Held:
+    """A handler that holds back the first Ctrl-C."""
+
+    def __init__(self, before: Callable[..., Any]) -> None:
+        self.before, self.came = before, False
+
+    def __call__(self, number: int, frame: Any) -> None:
+        if self.came:
+            self.before(number, frame)
+        self.came = True
+
+
+@contextmanager
+def _ctrl_c_waits() -> Iterator[None]:
+    """Hear a first Ctrl-C afterwards: a callback of numba's compiler would swallow it and leave an error of another kind."""
+    before = signal.getsignal(signal.SIGINT)
+    main = threading.current_thread() is threading.main_thread()
+    if not (main and callable(before)) or isinstance(before, _Held):
+        yield
+        return
+    held = _Held(before)
+    signal.signal(signal.SIGINT, held)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if held.came:
+            before(signal.SIGINT, None)
 
 
 def _share(cache: Any) -> None:
@@ -84,6 +123,7 @@ def _turn(folder: str) -> Iterator[None]:
                 os.makedirs(folder, exist_ok=True)
                 lock = stack.enter_context(open(os.path.join(folder, "lock"), "a"))
                 fcntl.flock(lock, fcntl.LOCK_EX)
+                stack.callback(fcntl.flock, lock, fcntl.LOCK_UN)  # also where a fork has the file open too
                 _in_turn.add(folder)
                 stack.callback(_in_turn.discard, folder)
         yield

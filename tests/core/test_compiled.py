@@ -4,6 +4,8 @@ import errno
 import fcntl
 import importlib.util
 import os
+import subprocess
+import sys
 import threading
 
 import numba.core.caching
@@ -69,3 +71,54 @@ def test_another_process_has_its_turn(fresh, tmp_path):
         assert kept(tmp_path, "nbi") == []
     ours.join()
     assert found == [3.0]
+
+
+INTERRUPTED = """
+import os, signal
+from numba.core.codegen import CPUCodeLibrary
+
+real, presses = CPUCodeLibrary._object_compiled_hook.__func__, [signal.SIGINT]
+
+def hook(cls, *arguments):
+    while presses:
+        os.kill(os.getpid(), presses.pop())
+    real(cls, *arguments)
+
+CPUCodeLibrary._object_compiled_hook = classmethod(hook)
+import source
+try:
+    source.twice(1.5)
+except KeyboardInterrupt:
+    print("heard,", len(source.twice.overloads), "compiled")
+print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)
+"""
+
+
+def test_ctrl_c_during_compilation_is_heard_when_it_is_over(fresh, tmp_path):
+    """It comes in a callback of numba's, where it would be lost and make numba raise a RuntimeError."""
+    path = {"PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+    command = [sys.executable, "-c", INTERRUPTED]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=os.environ | path)
+    assert (done.stdout, done.stderr) == ("heard, 1 compiled\nTrue\n", "")
+
+
+FORKS = """
+import fcntl, os, sys
+from eiwa.core.compiled import _turn
+
+with _turn(sys.argv[1]):
+    reading, writing = os.pipe()
+    if not os.fork():
+        os.close(writing)
+        os.read(reading, 1)  # until the parent has ended
+        os._exit(0)
+    os.close(reading)
+with open(os.path.join(sys.argv[1], "lock")) as other:
+    fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+"""
+
+
+def test_a_turn_is_over_though_a_child_was_forked_meanwhile(tmp_path):
+    command = [sys.executable, "-W", "ignore", "-c", FORKS, str(tmp_path)]
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
