@@ -81,7 +81,7 @@ def main() -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="eiwa")
     wanted = os.environ.get("EIWA_THREADS") or "1"
-    if not wanted.isdigit() or int(wanted) < 1:
+    if not wanted.isdecimal() or int(wanted) < 1:
         fail(EiwaError(f"EIWA_THREADS = {wanted!r}: must be a whole number above 0. Unset it to use all processors."))
     try:
         with ctrl_c_comes_again():

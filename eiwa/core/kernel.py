@@ -53,7 +53,7 @@ def aligned(size: int, dtype: Any) -> NDArray[Any]:
 def thread_count() -> int:
     """Threads to use: ``EIWA_THREADS``, else the processors this process may run on."""
     wanted = os.environ.get("EIWA_THREADS", "")
-    if wanted.isdigit() and int(wanted) > 0:
+    if wanted.isdecimal() and int(wanted) > 0:
         return int(wanted)
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
@@ -270,7 +270,7 @@ class Map:
         source, columns = trace_block(function, sum(widths), parameters, self.dtype, self.samples)
         ends = np.cumsum([0, *widths, *(outputs or [columns])]).tolist()
         rows = [slice(*pair) for pair in pairwise(ends)]
-        self.outputs, step = rows[len(widths) :], stride(self.samples, dtype)
+        self.inputs, self.outputs, step = widths, rows[len(widths) :], stride(self.samples, dtype)
         self.shape: tuple[int, int] = (ends[-1], step)
         self.read = [
             (k, part.start)
@@ -296,6 +296,8 @@ class Map:
         """The same for several output arrays."""
         *inputs, parameters = arguments
         n, before = len(inputs[0]), self.outputs[0].start
+        if (shapes := [np.shape(array) for array in inputs]) != [(n, width) for width in self.inputs]:
+            raise ValueError(f"arrays of {n} rows must have {self.inputs} columns, not the shapes {shapes}")
         read = [_readable(inputs[k], self.dtype) for k, _ in self.read]
         layouts = [_layout(array, row) for array, (_, row) in zip(read, self.read, strict=True)]
         table = np.array(layouts, np.int64).reshape(len(read), 5)

@@ -115,7 +115,7 @@ def test_a_closed_pipe_is_no_error(tmp_path):
     assert "Exception" not in err
 
 
-@pytest.mark.parametrize("threads", ["0", "two", "-1"])
+@pytest.mark.parametrize("threads", ["0", "two", "-1", "²"])
 def test_a_number_of_threads_that_is_none(threads, tmp_path):
     path = small.write(tmp_path)
     code, out, err = small.eiwa("study", "check", str(path), folder=tmp_path, EIWA_THREADS=threads)

@@ -326,6 +326,13 @@ def test_inputs_may_be_laid_out_as_they_like(reading, n, laid_out):
     np.testing.assert_array_equal(np.hstack([difference, first]), np.stack([x[:, 0] - x[:, 2], x[:, 0]], axis=1))
 
 
+@pytest.mark.parametrize("shapes", [[(4, 2), (4, 2)], [(4, 3), (3, 2)], [(4, 3), (4, 3)], [(4, 3), (4,)], [(4, 3)]])
+def test_inputs_of_other_shapes_are_refused(reading, shapes):
+    """They are read by their addresses."""
+    with pytest.raises(ValueError, match=r"arrays of 4 rows must have \[3, 2\] columns, not the shapes"):
+        reading.parts(*map(np.zeros, shapes), np.zeros(0))
+
+
 def test_one_column_of_many():
     """Nothing before it is read, and nothing before its row is written."""
     double = Map(lambda u, p: [2 * u[1], u[0]], (1, 1), 0)
