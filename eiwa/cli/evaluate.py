@@ -41,6 +41,7 @@ def evaluate(
 ) -> None:
     """Evaluate one design: the study file's own values, a named design's or a trial's, with --set on top."""
     from eiwa.cli import tables, trust
+    from eiwa.cli.results import tell_changes
     from eiwa.core.design import SECTIONS
     from eiwa.core.outcome import evaluate as outcome_of
     from eiwa.core.spec import load
@@ -54,7 +55,10 @@ def evaluate(
     put = settings(set_)
     spec = load(Path(study), put)
     store = Store(Path(runs) / spec.study.name)
-    rows = store.rows() if design not in {None, *spec.designs} and store.exists() else []
+    rows = []
+    if design not in {None, *spec.designs} and store.exists():
+        tell_changes(spec, store)
+        rows = store.rows()
     overrides = {} if design is None else dict(overrides_of(spec, design, rows))
     overrides |= {path: value for path, value in put.items() if "." in path and path.split(".")[0] in SECTIONS}
     tables_of = spec.design(overrides).tables["sampling"]

@@ -27,6 +27,12 @@ def results(study: str, runs: str, settings: Mapping[str, Any]) -> tuple[StudySp
     spec = load(Path(study), settings)
     store = Store(Path(runs) / spec.study.name)
     store.require(study)
+    tell_changes(spec, store)
+    return spec, store
+
+
+def tell_changes(spec: StudySpec, store: Store) -> None:
+    """Say on stderr when the results are of another version of the study file."""
     if changed := store.changes(spec):
         console = err()
         console.print(
@@ -34,4 +40,3 @@ def results(study: str, runs: str, settings: Mapping[str, Any]) -> tuple[StudySp
         )
         for line in changed[:8]:
             console.print(f"  {line}", markup=False, soft_wrap=True)
-    return spec, store

@@ -134,6 +134,15 @@ def test_the_best_trial_is_one_command_away(ran, cli):
     assert f"{answer(said)['objectives']['F']:.4f}" in shown
 
 
+def test_a_trial_of_another_version_of_the_study_is_told(ran, cli):
+    """Its variables may mean something else by now."""
+    command = next(line for line in ran.out.splitlines() if "the best design" in line)
+    words = shlex.split(command.removeprefix("  the best design   eiwa "))
+    changed = cli(*words[: words.index("--figure")], "--replicates", "1", "--set", "dexterity.K=50")
+    assert "These results are of another version of the study file" in changed.err
+    assert "dexterity.K" in changed.err
+
+
 def test_a_search_that_goes_on_shows_the_best_so_far():
     """A trial that is worse than one of an earlier run is not the best."""
     spec = small.spec()
