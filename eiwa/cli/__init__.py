@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import _thread
 import codecs
 import os
+import signal
 import sys
 import threading
 from collections.abc import Iterator
@@ -52,7 +52,7 @@ def ctrl_c_comes_again() -> Iterator[None]:
         if not issubclass(lost.exc_type, KeyboardInterrupt):
             before(lost)
             return
-        again = threading.Timer(0.1, _thread.interrupt_main)
+        again = threading.Timer(0.1, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
         again.daemon = True
         again.start()
 
