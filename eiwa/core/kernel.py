@@ -38,7 +38,7 @@ Traceable = Callable[[list[Column], list[Column]], Sequence[Column]]
 """A function of input columns and parameters (scalars of the design) to output columns."""
 
 
-PART = 1 << 12
+PART = 1 << 13
 """Samples of a map that a thread takes at once."""
 
 
@@ -69,7 +69,9 @@ def on_all_threads(work: Callable[..., Any], *arguments: Sequence[Any]) -> list[
     Whoever is free takes the next item, so that a thread that the system starts late holds nobody up.
     """
     items = list(zip(*arguments, strict=True))
-    threads = 1 if threading.current_thread().name.startswith("eiwa") else min(thread_count(), len(items))
+    if len(items) == 1 or threading.current_thread().name.startswith("eiwa") or (threads := thread_count()) == 1:
+        return [work(*item) for item in items]
+    threads = min(threads, len(items))
     results: list[Any] = [None] * len(items)
     numbers = iter(range(len(items)))
 
