@@ -8,7 +8,7 @@
 // Jacobian at the tip in the base frame, w = sqrt(det(J J^T)), penalty 1 - exp(-K prod u(1-u)), normalisation,
 // threshold, and for a right and a left base the cell's maximum and hit count.
 //
-// One JSON object goes to stdout: median, least and largest wall time of the repeats in ns per sample (grids opened
+// One JSON object goes to stdout: median, least and largest wall time of the repeats in ns per sample (grids cleared
 // and merged included), "checksum" (the sum of all maxima), "hits" (samples in a cell, per sample) and
 // "flops_per_sample", counted by running the same templates on a counting number: every addition, subtraction,
 // multiplication, division, square root, rounding, minimum and comparison of columns is one, a fused multiply-add two;
@@ -18,6 +18,7 @@
 
 #include <algorithm>
 #include <array>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -48,7 +49,8 @@ using Word = std::uint64_t;
 
 constexpr int kBlock = 256;  // samples per block
 constexpr Word kChunk = Word{1} << 15;  // samples that a thread takes at a time
-constexpr std::size_t kRepeats = 5;
+constexpr std::size_t kRepeats = 15;
+constexpr double kWarm = 0.1;  // s; until then a system may leave new threads on one processor
 constexpr Word kGamma = 0x9E3779B97F4A7C15ull;
 constexpr double kPi = 3.14159265358979323846;
 constexpr double kThreshold = 0.3;
@@ -641,34 +643,49 @@ ROOF_INLINE void run_block(
   deposit(found[1], grid + kCells);
 }
 
-template<typename T, int N>
-void run_thread(Word key, Word samples, Word thread, Word threads, std::vector<Cell<T>> & grid)
+/// The threads' grids, which stay from call to call: fresh pages would cost as much as the second thread gains.
+template<typename T>
+using Grids = std::vector<std::vector<Cell<T>>>;
+
+/// What the threads of one call share: the next chunk, and how many have run out of chunks.
+struct Shared
 {
-  const Affine<T> affines[2] = {Affine<T>(0.1), Affine<T>(-0.1)};
-  grid.assign(2 * kCells, Cell<T>{0, 0});
-  for (Word chunk = thread * kChunk; chunk < samples; chunk += threads * kChunk)
-    for (Word first = chunk; first < std::min(chunk + kChunk, samples); first += kBlock)
-      run_block<T, N>(key, first, affines, grid.data(), std::make_index_sequence<N>());
-}
+  std::atomic<Word> chunk{0}, done{0};
+};
 
 template<typename T, int N>
-std::vector<Cell<T>> run_threads(Word key, Word samples, Word threads)
+void run_thread(Word key, Word samples, Word thread, Shared & shared, Grids<T> & grids)
 {
-  std::vector<std::vector<Cell<T>>> grids(threads);
-  const auto work = [&](Word t) { run_thread<T, N>(key, samples, t, threads, grids[t]); };
-  std::vector<std::thread> team;
+  const Affine<T> affines[2] = {Affine<T>(0.1), Affine<T>(-0.1)};
+  const Word threads = grids.size();
+  grids[thread].assign(2 * kCells, Cell<T>{0, 0});
+  for (Word chunk; (chunk = kChunk * shared.chunk++) < samples;)
+    for (Word first = chunk; first < std::min(chunk + kChunk, samples); first += kBlock)
+      run_block<T, N>(key, first, affines, grids[thread].data(), std::make_index_sequence<N>());
+  ++shared.done;
+  while (shared.done < threads)
+    std::this_thread::yield();
+  Cell<T> * const merged = grids[0].data();
   for (Word t = 1; t < threads; ++t)
+    for (Word c = 2 * kCells * thread / threads; c < 2 * kCells * (thread + 1) / threads; ++c)
+    {
+      merged[c].best = std::max(merged[c].best, grids[t][c].best);
+      merged[c].hits += grids[t][c].hits;
+    }
+}
+
+/// Leaves the merged cells of both arms in grids[0].
+template<typename T, int N>
+void run_threads(Word key, Word samples, Grids<T> & grids)
+{
+  Shared shared;
+  const auto work = [&](Word t) { run_thread<T, N>(key, samples, t, shared, grids); };
+  std::vector<std::thread> team;
+  for (Word t = 1; t < grids.size(); ++t)
     team.emplace_back(work, t);
   work(0);
   for (std::thread & member : team)
     member.join();
-  for (Word t = 1; t < threads; ++t)
-    for (int c = 0; c < 2 * kCells; ++c)
-    {
-      grids[0][c].best = std::max(grids[0][c].best, grids[t][c].best);
-      grids[0][c].hits += grids[t][c].hits;
-    }
-  return std::move(grids[0]);
 }
 
 /// Flops of one sample in the terms of the head of this file.
@@ -699,19 +716,22 @@ struct Arguments
 template<typename T, int N>
 void time_and_print(const Arguments & arguments)
 {
-  run_threads<T, N>(arguments.key, std::min<Word>(arguments.samples, kChunk), arguments.threads);
+  Grids<T> grids(arguments.threads);
+  const auto begin = std::chrono::steady_clock::now();
+  do
+    run_threads<T, N>(arguments.key, arguments.samples, grids);
+  while (std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count() < kWarm);
   std::array<double, kRepeats> ns{};
-  std::vector<Cell<T>> grid;
   for (double & value : ns)
   {
     const auto start = std::chrono::steady_clock::now();
-    grid = run_threads<T, N>(arguments.key, arguments.samples, arguments.threads);
+    run_threads<T, N>(arguments.key, arguments.samples, grids);
     const std::chrono::duration<double, std::nano> elapsed = std::chrono::steady_clock::now() - start;
     value = elapsed.count() / static_cast<double>(arguments.samples);
   }
   std::sort(ns.begin(), ns.end());
   double checksum = 0.0, hits = 0.0;
-  for (const Cell<T> & cell : grid)
+  for (const Cell<T> & cell : grids[0])
   {
     checksum += static_cast<double>(cell.best);
     hits += static_cast<double>(cell.hits);

@@ -21,8 +21,9 @@ import numpy as np
 from eiwa.core.compiled import cpu
 from eiwa.core.version import __version__
 
-CALLS, ENOUGH = 5, 0.1
-"""A visit reports the median of so many calls, of fewer when they have taken so long [s]."""
+CALLS, ENOUGH, WARM = 5, 0.1, 0.05
+"""A visit reports the median of so many calls, of fewer when they have taken ``ENOUGH`` seconds, after others that took
+``WARM`` seconds: until then a system may leave threads that have slept on one processor."""
 PACKAGES = ("numpy", "numba", "llvmlite", "pin", "jax", "torch", "pytorch_kinematics", "roboticstoolbox-python")
 
 keys = itertools.count(1 << 20)
@@ -75,10 +76,13 @@ class Contender:
 
 
 def visit(call: Callable[[int], Any], samples: int) -> Callable[[], float]:
-    """A visit: seconds per sample of a few calls after a short one that warms up."""
+    """A visit: seconds per sample of a few calls after short ones that warm up."""
 
     def timed() -> float:
+        warm = time.perf_counter() + WARM
         call(max(1, samples // 16))
+        while time.perf_counter() < warm:
+            call(samples)
         times: list[float] = []
         while len(times) < CALLS and sum(times) < ENOUGH:
             start = time.perf_counter()

@@ -52,17 +52,20 @@ def test_who_is_wrong_is_reported_and_not_timed():
     assert [(r.who, r.seconds) for r in records] == [("eiwa", 3.0), ("wrong", None)]
 
 
-def test_a_visit_is_the_median_of_some_calls_after_a_short_one(monkeypatch):
+WARMED = [0.0, measure.WARM / 2, measure.WARM]
+
+
+def test_a_visit_is_the_median_of_some_calls_after_others_that_warm_up(monkeypatch):
     calls = []
-    times = iter([0.0, 0.010, 1.0, 1.030, 2.0, 2.020, 3.0, 3.016, 4.0, 4.015])
+    times = iter([*WARMED, 1.0, 1.010, 2.0, 2.030, 3.0, 3.020, 4.0, 4.016, 5.0, 5.015])
     monkeypatch.setattr(measure.time, "perf_counter", times.__next__)
     assert measure.visit(calls.append, 160)() == pytest.approx(0.016 / 160)
-    assert calls == [10, 160, 160, 160, 160, 160]
+    assert calls == [10, *[160] * 6]
 
 
 def test_a_slow_visit_is_one_call(monkeypatch):
     calls = []
-    monkeypatch.setattr(measure.time, "perf_counter", iter([0.0, 2.0]).__next__)
+    monkeypatch.setattr(measure.time, "perf_counter", iter([0.0, measure.WARM, 1.0, 3.0]).__next__)
     assert measure.visit(calls.append, 16)() == 2.0 / 16
     assert calls == [1, 16]
 
