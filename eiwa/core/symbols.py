@@ -26,6 +26,7 @@ class Tape:
         self.single = single
         self.nodes: list[tuple[str, tuple[Any, ...]]] = []
         self._known: dict[tuple[str, tuple[Any, ...]], int] = {}
+        self._depths: list[int] = []
 
     def node(self, operation: str, *operands: Any) -> Symbol:
         """The symbol of ``operation(*operands)``; the same one when it was asked for before."""
@@ -33,19 +34,27 @@ class Tape:
         if key not in self._known:
             self._known[key] = len(self.nodes)
             self.nodes.append(key)
+            self._depths.append(1 + max((self._depths[o] for o in self._read(key)), default=0))
         return Symbol(self, self._known[key])
 
     def needed(self, roots: Iterable[int]) -> list[int]:
-        """Indices of the nodes that the roots depend on, in evaluation order."""
+        """Indices of the nodes that the roots depend on, in evaluation order: what can be evaluated first comes first.
+
+        In the order of the formula the compiled code would wait more often for what it has just begun.
+        """
         alive: set[int] = set()
         stack = list(roots)
         while stack:
             index = stack.pop()
             if index not in alive:
                 alive.add(index)
-                operation, operands = self.nodes[index]
-                stack.extend(o for o in operands if isinstance(o, int) and operation not in LEAVES)
-        return sorted(alive)
+                stack.extend(self._read(self.nodes[index]))
+        return sorted(alive, key=lambda index: (self._depths[index], index))
+
+    @staticmethod
+    def _read(node: tuple[str, tuple[Any, ...]]) -> tuple[int, ...]:
+        operation, operands = node
+        return () if operation in LEAVES else operands
 
 
 LEAVES = ("input", "parameter", "constant")

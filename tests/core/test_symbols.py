@@ -297,6 +297,18 @@ def test_folding_does_not_change_the_value(expression):
     assert math.isclose(value_of(traced, inputs), expected, rel_tol=1e-12, abs_tol=1e-12)
 
 
+def test_what_can_be_evaluated_first_comes_first(tape, x, y):
+    """A chain of three, a pair beside it, their sum, and something that nobody needs."""
+    chain = x * 3.0 * 5.0 * 7.0
+    pair = y * 11.0
+    x - y
+    total = chain + pair
+    order = [tape.nodes[index] for index in tape.needed([total.index])]
+    assert {kind for kind, _ in order[:6]} == {"input", "constant"}
+    assert [kind for kind, _ in order[6:]] == ["mul", "mul", "mul", "mul", "add"]
+    assert order.index(tape.nodes[pair.index]) < order.index(tape.nodes[chain.index]) - 1
+
+
 LAYOUTS = {
     "rows": np.ascontiguousarray,
     "columns": np.asfortranarray,
