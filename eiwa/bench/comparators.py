@@ -57,13 +57,14 @@ class Foreign(Family):
     function: Evaluate
 
     @property
-    def traced(self) -> bool:
+    def alike(self) -> bool:
         """Nothing can be compiled in."""
         return False
 
-    @property
-    def identity(self) -> None:
-        """Its samples are not kept."""
+    def answers(self, u: NDArray[Any]) -> list[NDArray[Any]]:
+        """All postures are valid."""
+        tips, raw = self.function(u)
+        return [np.ones((len(u), 1)), tips, raw[:, None]]
 
     def rows(self, u: NDArray[Any], dtype: Any = np.float64) -> NDArray[Any]:
         """Tips x, y, z [m] and the index, shape (4, n)."""

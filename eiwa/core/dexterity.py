@@ -13,11 +13,21 @@ from numpy.typing import NDArray
 
 from eiwa.core.compiled import compiled
 from eiwa.core.errors import PluginError, SingularArm, SpecError, blaming, finding, name_of
-from eiwa.core.interfaces import NOTHING, Arm, Array, DexterityIndex, TracedArm, TracedIndex, where_valid
+from eiwa.core.interfaces import (
+    NOTHING,
+    Arm,
+    ArmColumns,
+    Array,
+    DexterityIndex,
+    TracedArm,
+    TracedIndex,
+    parted,
+    where_valid,
+)
 from eiwa.core.kernel import Map
 from eiwa.core.optimum import maximum, pilot_points
 from eiwa.core.scrutiny import raw_values, refuse_changing_answers, refuse_millimetres, refuse_wrong_jacobian
-from eiwa.core.symbols import Column
+from eiwa.core.symbols import Column, where
 from eiwa.core.symbols import maximum as maximum_of
 
 
@@ -111,20 +121,24 @@ class Family:
         return self.members[0].arm
 
     @cached_property
-    def traced(self) -> bool:
-        """Whether arm and indices can be compiled into one kernel."""
+    def alike(self) -> bool:
+        """Whether one formula on columns is that of all indices."""
         first = self.members[0].index
-        alike = all(
+        return all(
             type(d.index) is type(first) and isinstance(d.index, TracedIndex) and d.index.structure == _structure(first)
             for d in self.members
         )
-        return alike and isinstance(self.arm, TracedArm)
+
+    @property
+    def traced(self) -> bool:
+        """Whether arm and indices can be compiled into one kernel."""
+        return self.alike and isinstance(self.arm, TracedArm)
 
     @cached_property
     def constants(self) -> NDArray[np.float64]:
         """Numbers that the kernel reads: the arm's, then every member's; shape (k,)."""
         assert isinstance(self.arm, TracedArm)
-        return np.concatenate([self.arm.constants, *(d.prepared for d in self.members)])
+        return np.concatenate([self.arm.constants, self.prepared])
 
     @cached_property
     def identity(self) -> Hashable:
@@ -167,6 +181,54 @@ class Family:
         if not valid.all():
             rows[:3, ~valid], rows[3:, ~valid] = 0.0, -1.0
         return rows
+
+    @cached_property
+    def prepared(self) -> NDArray[np.float64]:
+        """What every index has prepared, shape (k,)."""
+        return np.concatenate([d.prepared for d in self.members])
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """Columns of the arrays that :meth:`answers` gives."""
+        dof = self.arm.dof
+        return (1, 3, 6 * dof, 9, dof, dof) if self.alike else (1, 3, *[1] * len(self.members))
+
+    def answers(self, u: Array) -> list[Array]:
+        """What plugins in NumPy say of n points: which are valid, tips, and what the indices read or else their values."""
+        with blaming(self.arm):
+            postures = self.arm.postures(u)
+        n, valid = len(u), postures.valid.astype(float)[:, None]
+        if self.alike:
+            R, J = postures.rotations.reshape(n, 9), postures.jacobians.reshape(n, 6 * self.arm.dof)
+            return [valid, postures.tips, J, R, postures.q, postures.u]
+        if not isinstance(self.arm, TracedArm):
+            _refuse_not_finite(self.arm, "Jacobians", postures.jacobians, u, postures.valid)
+        return [valid, postures.tips, *(raw_values(d.index, postures, d.prepared)[:, None] for d in self.members)]
+
+    def reader(self, flow: str, components: Sequence[ModuleType]) -> Map:
+        """:meth:`answers` -> tip, raw indices, the indices' own values; ``flow`` is more source around the same block."""
+        arm, index, m = self.arm, self.members[0].index, len(self.members)
+        traced = index if isinstance(index, TracedIndex) and self.alike else None
+        structures = () if traced is None else (type(index), traced.structure)
+        key = ("reader", *structures, arm.limited, self.widths, len(self.prepared), flow)
+        if None not in structures and key in _kernels:
+            return _kernels[key]
+
+        def function(columns: Sequence[Column], p: Sequence[Column]) -> list[Column]:
+            (valid,), tip, *rest = parted(columns, self.widths)
+            if traced is None:
+                values = [value for (value,) in rest]
+            else:
+                J, R, q, u = rest
+                posture = ArmColumns(u, q, tip, parted(R, (3, 3, 3)), parted(J, [arm.dof] * 6), arm.limited)
+                with blaming(index):
+                    values = [traced.columns(posture, own) for own in parted(p, [len(p) // m] * m)]
+            solved = valid > 0.5
+            raws = [where(solved, maximum_of(value, 0.0), -1.0) for value in values]
+            return [*(where(solved, x, 0.0) for x in tip), *raws, *(where(solved, value, 0.0) for value in values)]
+
+        _kernels[key] = Map(function, self.widths, len(self.prepared), np.float64, flow, components)
+        return _kernels[key]
 
     def kernel(self, dtype: Any = np.float64, flow: str = "", components: Sequence[ModuleType] = ()) -> Map:
         """The compiled formulas: u (n, dof) -> tip, raw indices; with ``flow``, more source around the same block."""

@@ -7,8 +7,10 @@ the same steps run on arrays in larger blocks. Both give each sample to the same
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any, Protocol
 
 import numpy as np
@@ -89,35 +91,62 @@ def fill(
         flow = replay_flow(kept, family, targets, backend, amount.dtype)
     elif family.traced and isinstance(backend.deposit, Dispatcher):
         flow = fused_flow(family, targets, backend, stream, amount.dtype)
+    elif isinstance(backend.deposit, Dispatcher) and np.dtype(amount.dtype) == np.float64:
+        flow = reading_flow(family, targets, backend, stream)
     else:
         flow = array_flow(family, targets, backend, stream, amount.dtype)
     recorded = record if record is not None else np.empty((0, 0), amount.dtype)
-    threads = min(thread_count(), max(1, amount.half // CHUNK))
-    stores = [backend.open(cells) for _ in range(threads)]
 
-    def deposit(first: int, last: int) -> None:
-        starts = iter(range(first, last, CHUNK))
+    def deposit(store: Any, first: int) -> Any:
+        last = min(first + CHUNK, amount.half if first < amount.half else amount.samples)
+        most = (last - first) * len(targets) * len(family.members)
+        store = backend.ready(backend.open(cells) if store is None else store, most)
+        flow(first, last, recorded, store)
+        return store
 
-        def work(number: int) -> None:
-            for start in starts:
-                stop = min(start + CHUNK, last)
-                stores[number] = backend.ready(stores[number], (stop - start) * len(targets) * len(family.members))
-                flow(start, stop, recorded, stores[number])
+    early, late = range(0, amount.half, CHUNK), range(amount.half, amount.samples, CHUNK)
+    earlier, later = iter(early), iter(late)
+    halves, wholes = Shelf(backend, len(early)), Shelf(backend, len(late) + 1)
+    left: dict[str, Any] = {}
 
-        on_all_threads(work, range(threads))
+    def work(_: int) -> None:
+        store, taken = None, 0
+        for first in earlier:
+            store, taken = deposit(store, first), taken + 1
+        store, taken = halves.add(store, taken), 0
+        if store is not None:
+            left["half"], taken = backend.values(store), 1
+        for first in later:
+            store, taken = deposit(store, first), taken + 1
+        store = wholes.add(store, taken)
+        if store is not None:
+            left["whole"] = store
 
-    def read() -> Array:
-        while len(stores) > 1:
-            stores[0] = backend.merge(stores[0], stores.pop())
-        return backend.values(stores[0])
-
-    deposit(0, amount.half)
-    half = read()
-    stores.extend(backend.open(cells) for _ in range(threads - 1))
-    deposit(amount.half, amount.samples)
+    on_all_threads(work, range(min(thread_count(), len(early))))
     if record is not None:
         reuse.samples.keep(key, record)
-    return _parted(targets, len(family.members), read(), half, backend.hits(stores[0]))
+    values, hits = backend.values(left["whole"]), backend.hits(left["whole"])
+    return _parted(targets, len(family.members), values, left["half"], hits)
+
+
+class Shelf:
+    """Where threads leave their stores, until one of them has merged all."""
+
+    def __init__(self, backend: VoxelBackend, parts: int) -> None:
+        self._backend, self._parts = backend, parts
+        self._lock = threading.Lock()
+        self._left: list[tuple[Any, int]] = []
+
+    def add(self, store: Any, parts: int) -> Any:
+        """Leave a store with so many of all parts; the store of all, for whom completes it, else None."""
+        while 0 < parts < self._parts:
+            with self._lock:
+                if not self._left:
+                    self._left.append((store, parts))
+                    return None
+                other, more = self._left.pop()
+            store, parts = self._backend.merge(store, other), parts + more
+        return store
 
 
 def _parted(
@@ -135,7 +164,7 @@ def _parted(
 
 
 def array_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend, stream: Stream, dtype: Any) -> Flow:
-    """The flow on blocks of arrays, for plugins in plain NumPy."""
+    """The flow on blocks of arrays, step by step."""
     credit = _credit(family, targets, backend, dtype)
 
     def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
@@ -145,6 +174,32 @@ def array_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend,
             if record.size:
                 record[:, start:stop] = rows
             credit(rows, store)
+
+    return flow
+
+
+def reading_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend, stream: Stream) -> Flow:
+    """The flow on blocks of arrays, one kernel from the plugins' answers on; double precision, nothing recorded.
+
+    One call for all of it, because after every call a thread may have to wait for another's Python.
+    """
+    dtype, dof = np.dtype(np.float64), family.arm.dof
+    source, components = _source(_READ, family, backend, dtype, results=sum(family.widths))
+    kernel, where = family.reader(source, components), _where(family, targets, dtype)
+    # Of valid, tips, Jacobians ... the second and, where it is read, the third must be finite.
+    checked = sum(family.widths[: 3 if family.alike and 2 in dict(kernel.read) else 2])
+    credit = _credit(family, targets, backend, dtype)
+
+    def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
+        w, room = scratch(kernel.size, dtype), _room(dtype)
+        bits = w.view(np.int64)
+        for start in range(first, last, ARRAY_BLOCK):
+            u = stream.points(start, min(ARRAY_BLOCK, last - start), dof)
+            kept, table = kernel.layouts(family.answers(u))
+            done = kernel.module.flow(0, len(u), table, checked, bits, family.prepared, w, *where, *room, store)
+            del kept  # before the next answers, which then come to lie in the same memory, warm in the caches
+            if done < len(u):  # rows() says what is not finite there
+                credit(family.rows(u[done:]), store)
 
     return flow
 
@@ -186,58 +241,94 @@ def _credit(
 
 def fused_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend, stream: Stream, dtype: Any) -> Flow:
     """The flow as one compiled kernel."""
-    dtype = np.dtype(dtype)
-    dof, deposit, fill_function = family.arm.dof, backend.deposit.py_func, FILLS[stream.sequence].py_func
-    source = _FLOW.format(
-        backend=deposit.__module__,
-        deposit=deposit.__name__,
-        fill=fill_function.__name__,
-        block=BLOCK,
-        stride=stride(BLOCK, dtype),
-        dof=dof,
-        members=len(family.members),
-    )
-    kernel = family.kernel(dtype, source, (sampling, workspace, sys.modules[deposit.__module__]))
-    affines, layout = packed(targets, dtype)
+    dtype, dof, fill_function = np.dtype(dtype), family.arm.dof, FILLS[stream.sequence].py_func
+    source, components = _source(_FUSED, family, backend, dtype, results=dof, fill=fill_function.__name__)
+    kernel = family.kernel(dtype, source, components)
     arguments = (np.uint64(stream.key), stream.table(dof), family.constants)
-    scales, thresholds = family.scales(dtype), family.thresholds(dtype)
-    total = np.int32(sum(t.grid.cells for t in targets))
+    where = _where(family, targets, dtype)
 
     def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
-        w, cells, picks = scratch(kernel.size, dtype), np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32)
-        values = np.empty(BLOCK, dtype)
-        kernel.module.flow(
-            first, last, *arguments, w, scales, thresholds, affines, layout, total, cells, picks, values, record, store
-        )
+        w, room = scratch(kernel.size, dtype), _room(dtype)
+        kernel.module.flow(first, last, *arguments, w, *where, *room, store, record)
 
     return flow
 
 
-_FLOW = """
+def _where(family: Family, targets: Sequence[Target], dtype: Any) -> tuple[Any, ...]:
+    """What ``credit`` needs to know of members and targets."""
+    total = np.int32(sum(t.grid.cells for t in targets))
+    return family.scales(dtype), family.thresholds(dtype), *packed(targets, dtype), total
+
+
+def _room(dtype: Any) -> tuple[NDArray[Any], ...]:
+    """Cells, sample numbers and values of a block."""
+    return np.empty(BLOCK, np.int32), np.empty(BLOCK, np.int32), np.empty(BLOCK, dtype)
+
+
+def _source(
+    flow: str, family: Family, backend: VoxelBackend, dtype: np.dtype[Any], results: int, **names: Any
+) -> tuple[str, list[ModuleType]]:
+    """The source of a flow whose block writes tips and raw indices from row ``results`` on, and what it depends on."""
+    deposit = backend.deposit.py_func
+    names |= {"backend": deposit.__module__, "deposit": deposit.__name__, "members": len(family.members)}
+    names |= {"block": BLOCK, "stride": stride(BLOCK, dtype), "dof": family.arm.dof, "results": results}
+    return (_IMPORTS + flow + _CREDIT).format(**names), [sampling, workspace, sys.modules[deposit.__module__]]
+
+
+_IMPORTS = """
 from {backend} import {deposit} as deposit
-from eiwa.core.sampling import {fill} as fill
 from eiwa.core.workspace import locate, normalise
+"""
+
+_FUSED = """
+from eiwa.core.sampling import {fill} as fill
 
 
 @compiled
-def flow(first, last, key, table, p, w, scales, thresholds, affines, layout, total, cells, picks, values, record, store):
-    x, y, z = {dof} * {stride}, ({dof} + 1) * {stride}, ({dof} + 2) * {stride}
+def flow(first, last, key, table, p, w, scales, thresholds, affines, layout, total, cells, picks, values, store, record):
     for start in range(first, last, {block}):
         n = min({block}, last - start)
         fill(w, {stride}, {dof}, np.uint64(start), key, table)
         block(w, p)
         for row in range(record.shape[0]):
             for s in range(n):
-                record[row, start + s] = w[({dof} + row) * {stride} + s]
+                record[row, start + s] = w[({results} + row) * {stride} + s]
+"""
+
+_READ = """
+@compiled
+def finite(bits, first, last, n):
+    most = np.int64(0)
+    for row in range(first, last):
+        line = bits[row * {stride} :]
+        for s in range(n):
+            valid = -((bits[s] >> 61) & 1)  # the first row is 1.0 where a posture is valid, else 0.0
+            most = max(most, line[s] & valid & np.int64(0x7FF0000000000000))
+    return most < np.int64(0x7FF0000000000000)
+
+
+@compiled
+def flow(first, last, inputs, checked, bits, p, w, scales, thresholds, affines, layout, total, cells, picks, values, store):
+    for start in range(first, last, {block}):
+        n = min({block}, last - start)
+        fetch(inputs, start, n, w, 0, {stride})
+        if not finite(bits, 1, checked, n):
+            return start
+        block(w, p)
+        if not finite(bits, {results} + 3 + {members}, {results} + 3 + 2 * {members}, n):
+            return start
+"""
+
+_CREDIT = """
+        x, y, z, raw = {results} * {stride}, ({results} + 1) * {stride}, ({results} + 2) * {stride}, ({results} + 3) * {stride}
         for t in range(layout.shape[0]):
-            raw = ({dof} + 3) * {stride}
             count = locate(w[x : x + {block}], w[y : y + {block}], w[z : z + {block}], w[raw : raw + {block}],
                            n, affines[t], layout[t], cells, picks)
             for member in range({members}):
-                normalise(w[raw : raw + {block}], picks, count, scales[member], thresholds[member], values)
+                normalise(w[raw + member * {stride} :], picks, count, scales[member], thresholds[member], values)
                 deposit(store, cells, values, count)
                 if member + 1 < {members}:
                     for s in range(count):
                         cells[s] += total
-                raw += {stride}
+    return last
 """

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -60,11 +61,14 @@ class Postures:
         return Postures(u, q, tips, rotations, jacobians, v[v], self.limited)
 
     def __post_init__(self) -> None:
+        arrays = (self.q, self.tips, self.rotations, self.jacobians, self.valid, self.limited)
         n, dof = np.shape(self.u)
-        shapes = {"q": (n, dof), "tips": (n, 3), "rotations": (n, 3, 3), "jacobians": (n, 6, dof), "valid": (n,)}
-        for name, wanted in {**shapes, "limited": (dof,)}.items():
-            if (seen := np.shape(getattr(self, name))) != wanted:
-                raise ValueError(f"{name} must have shape {wanted} for {n} postures of {dof} joints, not {seen}")
+        wanted = ((n, dof), (n, 3), (n, 3, 3), (n, 6, dof), (n,), (dof,))
+        seen = tuple(np.shape(array) for array in arrays)
+        if seen != wanted:
+            k = next(k for k, pair in enumerate(zip(seen, wanted, strict=True)) if pair[0] != pair[1])
+            name = ("q", "tips", "rotations", "jacobians", "valid", "limited")[k]
+            raise ValueError(f"{name} must have shape {wanted[k]} for {n} postures of {dof} joints, not {seen[k]}")
 
 
 @dataclass(frozen=True)
@@ -198,9 +202,9 @@ class TracedIndex(DexterityIndex):
         widths = (dof, dof, 3, 9, 6 * dof)
 
         def formula(columns: Sequence[Column], p: Sequence[Column]) -> list[Column]:
-            u, q, tip, R, J = ([*columns[sum(widths[:k]) :][:width]] for k, width in enumerate(widths))
-            rotation, jacobian = [R[k : k + 3] for k in (0, 3, 6)], [J[k : k + dof] for k in range(0, 6 * dof, dof)]
-            return [self.columns(ArmColumns(u, q, tip, rotation, jacobian, postures.limited), p)]
+            u, q, tip, R, J = parted(columns, widths)
+            arm = ArmColumns(u, q, tip, parted(R, (3, 3, 3)), parted(J, [dof] * 6), postures.limited)
+            return [self.columns(arm, p)]
 
         structure = None if self.structure is None else (self.structure, postures.limited)
         function = compiled_map((type(self), structure, "values"), formula, widths, len(prepared))
@@ -286,6 +290,12 @@ class Metric(ABC):
 def where_valid(valid: Column, a: Column, b: Column) -> Column:
     """:func:`where` that folds a mask which is the constant True."""
     return a if valid is True else where(valid, a, b)
+
+
+def parted(columns: Sequence[Column], widths: Sequence[int]) -> list[list[Column]]:
+    """The columns one after another as lists of so many."""
+    rest = iter(columns)
+    return [[*islice(rest, width)] for width in widths]
 
 
 _maps: dict[Hashable, Map] = {}

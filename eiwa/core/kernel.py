@@ -15,7 +15,6 @@ import os
 import sys
 import tempfile
 import threading
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from functools import lru_cache
@@ -224,15 +223,11 @@ def _store(name: str, content: str) -> Path:
     raise OSError(f"no folder for compiled kernels can be written; set EIWA_CACHE (tried {folder})")
 
 
-def compile_now(module: ModuleType, call: Callable[[], Any]) -> None:
-    """Run ``call`` once, telling the log when that has to compile rather than to read the cache."""
+def tell_of_compiling(module: ModuleType) -> None:
+    """Tell the log when the first call will have to compile rather than to read the cache."""
     folder = Path(str(module.__file__)).parent / "__pycache__"
-    cached = any(folder.glob(f"{module.__name__}.*.nbc"))
-    start = time.perf_counter()
-    if not cached:
+    if not any(folder.glob(f"{module.__name__}.*.nbc")):
         log.warning("compiling a kernel for this arm and index (once; a few seconds)")
-    call()
-    log.info("kernel %s ready in %.2f s", module.__name__, time.perf_counter() - start)
 
 
 _RUN = """
@@ -253,7 +248,7 @@ class Map:
 
     ``inputs`` and ``outputs`` may be several widths: the columns are then read from and written into as many arrays.
     Up to ``samples`` at once are computed where they are handed out; of more, the results are copied together.
-    ``extra`` is source that calls ``block`` too (a flow, on blocks of its own); it is compiled into the same module.
+    With ``extra``, source that calls ``block`` (a flow, on blocks of its own), that is compiled instead, when it is called.
     """
 
     def __init__(
@@ -280,9 +275,10 @@ class Map:
             if any(f"w[s + {row * step}]\n" in source for row in range(part.start, part.stop))
         ]
         run = _RUN.format(samples=self.samples, block=BLOCK, stride=step, rows=sum(widths))
-        self.module = load_source(source + run + extra, components)
-        empty = [np.zeros((1, width), self.dtype) for width in widths]
-        compile_now(self.module, lambda: self.parts(*empty, np.zeros(parameters)))
+        self.module = load_source(source + (extra or run), components)
+        tell_of_compiling(self.module)
+        if not extra:
+            self.parts(*(np.zeros((1, width), self.dtype) for width in widths), np.zeros(parameters))
 
     @property
     def size(self) -> int:
@@ -300,9 +296,7 @@ class Map:
         n, before = len(inputs[0]), self.outputs[0].start
         if (shapes := [np.shape(array) for array in inputs]) != [(n, width) for width in self.inputs]:
             raise ValueError(f"arrays of {n} rows must have {self.inputs} columns, not the shapes {shapes}")
-        read = [_readable(inputs[k], self.dtype) for k, _ in self.read]
-        layouts = [_layout(array, row) for array, (_, row) in zip(read, self.read, strict=True)]
-        table = np.array(layouts, np.int64).reshape(len(read), 5)
+        _kept, table = self.layouts(inputs)
         if n <= self.samples:
             w = aligned(self.size, self.dtype)
             self.module.run(w, parameters, table, np.empty((0, 0), self.dtype), 0, n)
@@ -315,6 +309,12 @@ class Map:
 
         on_all_threads(work, range(0, n, PART))
         return [y[rows.start - before : rows.stop - before, :n].T for rows in self.outputs]
+
+    def layouts(self, inputs: Sequence[NDArray[Any]]) -> tuple[list[NDArray[Any]], NDArray[np.int64]]:
+        """The arrays to read, and where :func:`~eiwa.core.compiled.fetch` finds them as long as they are kept."""
+        read = [_readable(inputs[k], self.dtype) for k, _ in self.read]
+        found = [_layout(array, row) for array, (_, row) in zip(read, self.read, strict=True)]
+        return read, np.array(found, np.int64).reshape(len(read), 5)
 
 
 def _readable(array: NDArray[Any], dtype: np.dtype[Any]) -> NDArray[Any]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from eiwa.core.chain import SerialChain
-from eiwa.core.dexterity import Dexterity, prepare
+from eiwa.core.dexterity import Dexterity, Family, prepare
 from eiwa.core.errors import PluginError, SingularArm
-from eiwa.core.filling import Sampling
+from eiwa.core.filling import Sampling, Shelf, fill
 from eiwa.core.interfaces import NOTHING
 from eiwa.core.transforms import roll_pitch_yaw, translation
 from eiwa.core.workspace import Grid, Target
@@ -175,6 +175,28 @@ def test_untraced_parts_give_the_same_bits_for_any_number_of_threads(untraced, t
     np.testing.assert_array_equal(several.values, one.values)
 
 
+def test_untraced_parts_in_single_precision(untraced, dexterity):
+    amount = Sampling(10_000, np.float32)
+    array, fused = (fill_one(d, TARGETS, BACKENDS["mean"], stream(), amount)[0] for d in (untraced, dexterity))
+    assert np.abs(array.hits - fused.hits).sum() <= 4  # tips that rounding puts on the other side of a face
+    same = array.hits == fused.hits
+    np.testing.assert_allclose(array.values[same], fused.values[same], rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("kind", [untraced_arm, untraced_index, untraced_arm_and_index])
+def test_untraced_members_of_a_family_are_filled_side_by_side(kind):
+    arm, index = kind()
+    indices = (index, replace(index, K_scaled=40.0) if index is PAPER_INDEX else ArrayIndex(lambda p: p.u[:, 0]))
+    members = tuple(prepare(arm, i, None, threshold) for i, threshold in zip(indices, (0.2, 0.0), strict=True))
+    together = fill(Family(members), TARGETS, BACKENDS["max"], stream(), Sampling(20_000))
+    for member, filled in zip(members, together, strict=True):
+        for one, alone in zip(
+            filled, fill_one(member, TARGETS, BACKENDS["max"], stream(), Sampling(20_000)), strict=True
+        ):
+            np.testing.assert_array_equal(one.values, alone.values)
+            np.testing.assert_array_equal(one.hits, alone.hits)
+
+
 class PlainMax(type(BACKENDS["max"])):
     """A backend whose deposit is not compiled."""
 
@@ -200,6 +222,24 @@ def test_dense_and_sparse_agree_to_the_last_bit(dexterity, kind, aggregate, quan
     dense, sparse = (fill_one(used, TARGETS, b(aggregate), stream(), Sampling(MANY)) for b in (Dense, Sparse))
     for one, other in zip(dense, sparse, strict=True):
         np.testing.assert_array_equal(getattr(one, quantity), getattr(other, quantity))
+
+
+# Stores of several threads.
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [3, 1, 2, 0], [2, 3, 0, 1]])
+def test_who_leaves_the_last_store_gets_all_of_them(order):
+    shelf, sizes = Shelf(BACKENDS["max"], 10), [1, 2, 3, 4]
+    stores = [np.array([[float(k == c), k] for c in range(4)]) for k in range(4)]
+    got = [shelf.add(stores[k], sizes[k]) for k in order]
+    assert [whole is None for whole in got] == [True, True, True, False]
+    np.testing.assert_array_equal(got[-1], [[1.0, 6.0]] * 4)
+
+
+def test_a_thread_that_came_too_late_leaves_nothing():
+    shelf = Shelf(BACKENDS["max"], 1)
+    assert shelf.add(None, 0) is None
+    assert shelf.add("all", 1) == "all"
 
 
 # Samples without a solution.
@@ -333,6 +373,42 @@ def test_an_arm_with_tips_that_are_not_finite_is_refused():
 
     with pytest.raises(PluginError, match="Broken"):
         prepare(Broken(ARM), PAPER_INDEX, None, 0.0)
+
+
+FAR = 1 - 2.0**-15
+"""Some of 2^18 samples have a coordinate above it, no posture of the pilot that is looked at before."""
+
+
+class SpoiltArm(ArrayArm):
+    """Something is not finite at a few postures."""
+
+    def __init__(self, chain, name):
+        super().__init__(chain)
+        self.name = name
+
+    def postures(self, u):
+        at = super().postures(u)
+        spoilt = np.array(getattr(at, self.name))
+        spoilt[u[:, 0] > FAR] = np.nan
+        return replace(at, **{self.name: spoilt})
+
+
+LATE = {
+    "tips": (lambda: (SpoiltArm(ARM, "tips"), PAPER_INDEX), "SpoiltArm .* tips"),
+    "Jacobians": (lambda: (SpoiltArm(ARM, "jacobians"), PAPER_INDEX), "SpoiltArm .* Jacobians"),
+    "values": (lambda: (ARM, ArrayIndex(lambda at: np.where(at.u[:, 0] > FAR, np.inf, 1.0))), "ArrayIndex .* values"),
+    "values of arrays": (
+        lambda: (ArrayArm(ARM), ArrayIndex(lambda at: np.where(at.u[:, 0] > FAR, np.nan, 1.0))),
+        "ArrayIndex .* values",
+    ),
+}
+
+
+@pytest.mark.parametrize(("parts", "message"), LATE.values(), ids=LATE)
+def test_what_is_not_finite_at_a_sample_is_refused(parts, message):
+    dexterity = prepare(*parts(), 1.0, 0.0)
+    with pytest.raises(PluginError, match=message + " that are not finite at 1 of"):
+        fill_one(dexterity, TARGETS, BACKENDS["max"], stream(), Sampling(1 << 18))
 
 
 def test_negative_values_of_an_index_count_as_zero():
