@@ -255,7 +255,7 @@ def fused_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend,
 
 
 def _where(family: Family, targets: Sequence[Target], dtype: Any) -> tuple[Any, ...]:
-    """What ``credit`` needs to know of members and targets."""
+    """What a flow needs to know of members and targets."""
     total = np.int32(sum(t.grid.cells for t in targets))
     return family.scales(dtype), family.thresholds(dtype), *packed(targets, dtype), total
 
