@@ -17,6 +17,7 @@ from eiwa.core.dexterity import Family
 from eiwa.core.filling import CHUNK, Filled, Sampling, fill
 from eiwa.core.interfaces import Arm, DexterityIndex, Postures
 from eiwa.core.sampling import ARRAY_BLOCK, Stream
+from eiwa.core.workspace import Target
 
 SAMPLES = 1 << 20
 CHECKED = 1 << 12
@@ -89,10 +90,12 @@ class StoredIndex(DexterityIndex):
         return self.stored[: len(postures.u)]
 
 
-def filled(family: Family, case: Case, precision: str, samples: int, key: int) -> list[Filled]:
+def filled(
+    family: Family, case: Case, precision: str, samples: int, key: int, targets: Sequence[Target] | None = None
+) -> list[Filled]:
     """What eiwa's flow leaves in both targets."""
     amount = Sampling(samples, PRECISIONS[precision])
-    return fill(family, case.targets(), case.setup.backend, Stream("plain", key), amount)[0]
+    return fill(family, targets or case.targets(), case.setup.backend, Stream("plain", key), amount)[0]
 
 
 def difference(family: Family, other: Family) -> tuple[float, float]:
@@ -154,7 +157,8 @@ def _at_one_setting(
 
 
 def _flow(family: Family, case: Case, precision: str) -> Any:
-    return lambda n: filled(family, case, precision, n, next(keys))
+    targets = case.targets()
+    return lambda n: filled(family, case, precision, n, next(keys), targets)
 
 
 def _roof(

@@ -298,13 +298,19 @@ def flow(first, last, key, table, p, w, scales, thresholds, affines, layout, tot
 _READ = """
 @compiled
 def finite(bits, first, last, n):
-    most = np.int64(0)
+    exponent, most = np.int64(0x7FF0000000000000), np.int64(0)
     for row in range(first, last):
         line = bits[row * {stride} :]
         for s in range(n):
-            valid = -((bits[s] >> 61) & 1)  # the first row is 1.0 where a posture is valid, else 0.0
-            most = max(most, line[s] & valid & np.int64(0x7FF0000000000000))
-    return most < np.int64(0x7FF0000000000000)
+            most = max(most, line[s] & exponent)
+    if most < exponent:
+        return True
+    for row in range(first, last):
+        line = bits[row * {stride} :]
+        for s in range(n):
+            if bits[s] > 0 and line[s] & exponent == exponent:  # the first row says which postures are valid
+                return False
+    return True
 
 
 @compiled

@@ -113,8 +113,7 @@ def locate(x: Any, y: Any, z: Any, raw: Any, n: Any, affine: Any, layout: Any, c
     Samples without a solution (``raw`` < 0) are dropped. Returns how many entries of ``cells`` (with the target's
     offset) and ``picks`` (sample numbers) were written; both have at least n.
     """
-    nx, ny, nz = np.int32(layout[0]), np.int32(layout[1]), np.int32(layout[2])
-    zero, one = np.int32(0), np.int32(1)
+    nx, ny, nz, none = np.int32(layout[0]), np.int32(layout[1]), np.int32(layout[2]), np.int32(-1)
     a0, a1, a2, a3 = affine[0], affine[1], affine[2], affine[3]
     b0, b1, b2, b3 = affine[4], affine[5], affine[6], affine[7]
     c0, c1, c2, c3 = affine[8], affine[9], affine[10], affine[11]
@@ -122,9 +121,10 @@ def locate(x: Any, y: Any, z: Any, raw: Any, n: Any, affine: Any, layout: Any, c
         i = np.int32(floor(a0 * x[s] + a1 * y[s] + a2 * z[s] + a3))
         j = np.int32(floor(b0 * x[s] + b1 * y[s] + b2 * z[s] + b3))
         k = np.int32(floor(c0 * x[s] + c1 * y[s] + c2 * z[s] + c3))
-        inside = (i >= zero) & (i < nx) & (j >= zero) & (j < ny) & (k >= zero) & (k < nz) & (raw[s] >= 0)
+        # Unsigned, a negative number is larger than any shape.
+        low = (np.uint32(i) < np.uint32(nx)) & (np.uint32(j) < np.uint32(ny)) & (np.uint32(k) < np.uint32(nz))
         cell = (i * ny + j) * nz + k
-        cells[s] = cell if inside else -one
+        cells[s] = cell if low & (raw[s] >= 0) else none
     count, whole = 0, n - n % LANES
     for s in range(0, whole, LANES):
         count = compress(cells, picks, s, count, layout[3])
