@@ -22,7 +22,7 @@ from eiwa.core.dexterity import Family
 from eiwa.core.interfaces import Array, VoxelBackend
 from eiwa.core.kernel import on_all_threads, scratch, thread_count
 from eiwa.core.sampling import ARRAY_BLOCK, BLOCK, FILLS, Stream
-from eiwa.core.symbols import stride
+from eiwa.core.symbols import empty_rows, stride
 from eiwa.core.workspace import Target, packed
 
 CHUNK = 1 << 15
@@ -181,25 +181,30 @@ def array_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend,
 def reading_flow(family: Family, targets: Sequence[Target], backend: VoxelBackend, stream: Stream) -> Flow:
     """The flow on blocks of arrays, one kernel from the plugins' answers on; double precision, nothing recorded.
 
-    One call for all of it, because after every call a thread may have to wait for another's Python.
+    It also draws the next block's points: after every call of compiled code a thread may have to wait for another's Python.
     """
     dtype, dof = np.dtype(np.float64), family.arm.dof
     source, components = _source(_READ, family, backend, dtype, results=sum(family.widths))
-    kernel, where = family.reader(source, components), _where(family, targets, dtype)
+    kernel, where, drawing = family.reader(source, components), _where(family, targets, dtype), stream.drawing(dof)
     # Of valid, tips, Jacobians ... the second and, where it is read, the third must be finite.
     checked = sum(family.widths[: 3 if family.alike and 2 in dict(kernel.read) else 2])
     credit = _credit(family, targets, backend, dtype)
 
     def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
         w, room = scratch(kernel.size, dtype), _room(dtype)
-        bits = w.view(np.int64)
-        for start in range(first, last, ARRAY_BLOCK):
-            u = stream.points(start, min(ARRAY_BLOCK, last - start), dof)
+        reading = checked, w.view(np.int64), family.prepared, w
+        u = stream.points(first, min(ARRAY_BLOCK, last - first), dof)
+        for stop in range(first + ARRAY_BLOCK, last + ARRAY_BLOCK, ARRAY_BLOCK):
+            n = max(0, min(ARRAY_BLOCK, last - stop))
+            following = empty_rows(-(-n // BLOCK) * BLOCK, dof)
             kept, table = kernel.layouts(family.answers(u))
-            done = kernel.module.flow(0, len(u), table, checked, bits, family.prepared, w, *where, *room, store)
+            done = kernel.module.flow(
+                following, np.uint64(stop), *drawing, len(u), table, *reading, *where, *room, store
+            )
             del kept  # before the next answers, which then come to lie in the same memory, warm in the caches
             if done < len(u):  # rows() says what is not finite there
                 credit(family.rows(u[done:]), store)
+            u = following[:, :n].T
 
     return flow
 
@@ -296,6 +301,9 @@ def flow(first, last, key, table, p, w, scales, thresholds, affines, layout, tot
 """
 
 _READ = """
+from eiwa.core.sampling import fill_points
+
+
 @compiled
 def finite(bits, first, last, n):
     exponent, most = np.int64(0x7FF0000000000000), np.int64(0)
@@ -314,8 +322,10 @@ def finite(bits, first, last, n):
 
 
 @compiled
-def flow(first, last, inputs, checked, bits, p, w, scales, thresholds, affines, layout, total, cells, picks, values, store):
-    for start in range(first, last, {block}):
+def flow(following, stop, sobol, key, table, last, inputs, checked, bits, p, w,
+         scales, thresholds, affines, layout, total, cells, picks, values, store):
+    fill_points(following, stop, sobol, key, table)
+    for start in range(0, last, {block}):
         n = min({block}, last - start)
         fetch(inputs, start, n, w, 0, {stride})
         if not finite(bits, 1, checked, n):

@@ -50,11 +50,13 @@ class Stream:
     def points(self, first: int, count: int, dimensions: int) -> NDArray[np.float64]:
         """Points ``first ... first + count - 1``, shape (count, dimensions), its columns contiguous."""
         start = first - first % BLOCK
-        blocks = -(-(first + count - start) // BLOCK)
-        rows = empty_rows(blocks * BLOCK, dimensions)
-        sobol, arguments = self.sequence == "sobol", (np.uint64(self.key), self.table(dimensions))
-        _fill_points(rows, blocks, sobol, np.uint64(start), *arguments)
+        rows = empty_rows(-(-(first + count - start) // BLOCK) * BLOCK, dimensions)
+        fill_points(rows, np.uint64(start), *self.drawing(dimensions))
         return rows[:, first - start : first - start + count].T
+
+    def drawing(self, dimensions: int) -> tuple[bool, np.uint64, NDArray[np.uint64]]:
+        """What :func:`fill_points` needs to know."""
+        return self.sequence == "sobol", np.uint64(self.key), self.table(dimensions)
 
 
 @compiled
@@ -96,10 +98,11 @@ def fill_sobol(w: Any, stride: int, dimensions: int, start: Any, key: Any, table
 
 
 @compiled
-def _fill_points(rows: Any, blocks: int, sobol: bool, start: Any, key: Any, table: Any) -> None:
+def fill_points(rows: Any, start: Any, sobol: bool, key: Any, table: Any) -> None:
+    """Fill the whole blocks of rows (d, n) with points from ``start`` on, a multiple of the block."""
     dimensions, stride = rows.shape
     w = rows.reshape(rows.size)
-    for first in range(0, blocks * 256, 256):
+    for first in range(0, stride - stride % 256, 256):
         if sobol:
             fill_sobol(w[first:], stride, dimensions, start + np.uint64(first), key, table)
         else:
