@@ -10,7 +10,7 @@ from eiwa.core.kernel import thread_count
 
 
 def memory(cells: int, backend: VoxelBackend) -> int:
-    """Bytes that filling so many cells takes: both arms' stores of every thread (empty, if they grow), read-outs, and E."""
+    """Bytes for filling so many cells: both arms' stores, every thread's and one to merge (empty, if they grow), read-outs, E."""
     stores = 2 * backend.suited(2 * cells).bytes_per_cell * (thread_count() + 1)
     return cells * (stores + 6 * 8 + 2 * 8)
 
