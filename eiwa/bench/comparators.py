@@ -64,7 +64,12 @@ class Foreign(Family):
     def answers(self, u: NDArray[Any]) -> list[NDArray[Any]]:
         """All postures are valid."""
         tips, raw = self.function(u)
-        return [np.ones((len(u), 1)), tips, raw[:, None]]
+        return [np.ones((len(u), 1)), tips, np.empty((len(u), 0)), raw[:, None]]
+
+    @property
+    def widths(self) -> tuple[int, ...]:
+        """No Jacobian."""
+        return 1, 3, 0, 1
 
     def rows(self, u: NDArray[Any], dtype: Any = np.float64) -> NDArray[Any]:
         """Tips x, y, z [m] and the index, shape (4, n)."""

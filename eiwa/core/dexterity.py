@@ -19,6 +19,7 @@ from eiwa.core.interfaces import (
     ArmColumns,
     Array,
     DexterityIndex,
+    Postures,
     TracedArm,
     TracedIndex,
     parted,
@@ -166,8 +167,7 @@ class Family:
         """The same as rows: x, y, z and m raw indices, shape (3 + m, n)."""
         if self.traced:
             return np.ascontiguousarray(self.kernel()(u, self.constants).T, dtype)
-        with blaming(self.arm):
-            postures = self.arm.postures(u)
+        postures = self._postures(u)
         valid = postures.valid
         rows = np.empty((3 + len(self.members), len(u)), dtype)
         rows[:3] = postures.tips.T
@@ -184,45 +184,52 @@ class Family:
 
     @cached_property
     def prepared(self) -> NDArray[np.float64]:
-        """What every index has prepared, shape (k,)."""
-        return np.concatenate([d.prepared for d in self.members])
+        """What indices that are traced have prepared, one after another; shape (k,)."""
+        return np.concatenate([d.prepared for d in self.members]) if self.alike else NOTHING
 
     @property
     def widths(self) -> tuple[int, ...]:
         """Columns of the arrays that :meth:`answers` gives."""
         dof = self.arm.dof
-        return (1, 3, 6 * dof, 9, dof, dof) if self.alike else (1, 3, *[1] * len(self.members))
+        return (1, 3, 6 * dof, 9, dof, dof) if self.alike else (1, 3, 6 * dof, *[1] * len(self.members))
 
     def answers(self, u: Array) -> list[Array]:
-        """What plugins in NumPy say of n points: which are valid, tips, and what the indices read or else their values."""
+        """What plugins in NumPy say of n points: which are valid, tips, Jacobians, and what indices read or else their values."""
+        postures = self._postures(u)
+        n, valid = len(u), postures.valid.astype(float)[:, None]
+        first = [valid, postures.tips, postures.jacobians.reshape(n, 6 * self.arm.dof)]
+        if self.alike:
+            return [*first, postures.rotations.reshape(n, 9), postures.q, postures.u]
+        # An index may answer in the same memory each time.
+        own = np.array if len(self.members) > 1 else np.asarray
+        return [*first, *(own(raw_values(d.index, postures, d.prepared))[:, None] for d in self.members)]
+
+    def _postures(self, u: Array) -> Postures:
         with blaming(self.arm):
             postures = self.arm.postures(u)
-        n, valid = len(u), postures.valid.astype(float)[:, None]
-        if self.alike:
-            R, J = postures.rotations.reshape(n, 9), postures.jacobians.reshape(n, 6 * self.arm.dof)
-            return [valid, postures.tips, J, R, postures.q, postures.u]
-        if not isinstance(self.arm, TracedArm):
-            _refuse_not_finite(self.arm, "Jacobians", postures.jacobians, u, postures.valid)
-        return [valid, postures.tips, *(raw_values(d.index, postures, d.prepared)[:, None] for d in self.members)]
+        if len(postures.valid) != len(u):
+            raise PluginError(f"{name_of(self.arm)}: {len(postures.valid)} postures for {len(u)} points.")
+        return postures
 
     def reader(self, flow: str, components: Sequence[ModuleType]) -> Map:
         """:meth:`answers` -> tip, raw indices, the indices' own values; ``flow`` is more source around the same block."""
-        arm, index, m = self.arm, self.members[0].index, len(self.members)
+        arm, index = self.arm, self.members[0].index
         traced = index if isinstance(index, TracedIndex) and self.alike else None
-        structures = () if traced is None else (type(index), traced.structure)
-        key = ("reader", *structures, arm.limited, self.widths, len(self.prepared), flow)
+        structures = () if traced is None else (type(index), traced.structure, tuple(arm.limited))
+        lengths = [len(d.prepared) for d in self.members] if traced else []
+        key = ("reader", *structures, self.widths, tuple(lengths), flow)
         if None not in structures and key in _kernels:
             return _kernels[key]
 
         def function(columns: Sequence[Column], p: Sequence[Column]) -> list[Column]:
-            (valid,), tip, *rest = parted(columns, self.widths)
+            (valid,), tip, J, *rest = parted(columns, self.widths)
             if traced is None:
                 values = [value for (value,) in rest]
             else:
-                J, R, q, u = rest
+                R, q, u = rest
                 posture = ArmColumns(u, q, tip, parted(R, (3, 3, 3)), parted(J, [arm.dof] * 6), arm.limited)
                 with blaming(index):
-                    values = [traced.columns(posture, own) for own in parted(p, [len(p) // m] * m)]
+                    values = [traced.columns(posture, own) for own in parted(p, lengths)]
             solved = valid > 0.5
             raws = [where(solved, maximum_of(value, 0.0), -1.0) for value in values]
             return [*(where(solved, x, 0.0) for x in tip), *raws, *(where(solved, value, 0.0) for value in values)]
@@ -234,21 +241,18 @@ class Family:
         """The compiled formulas: u (n, dof) -> tip, raw indices; with ``flow``, more source around the same block."""
         arm, index = self.arm, self.members[0].index
         assert isinstance(arm, TracedArm) and isinstance(index, TracedIndex)
-        each = len(self.members[0].prepared)
+        lengths = [len(d.prepared) for d in self.members]
         structures = (type(arm), arm.structure, type(index), index.structure)
-        key = (*structures, arm.dof, len(arm.constants), each, len(self.members), np.dtype(dtype), flow)
+        key = (*structures, arm.dof, len(arm.constants), tuple(lengths), np.dtype(dtype), flow)
         if None not in structures and key in _kernels:
             return _kernels[key]
 
         def function(u: Sequence[Column], p: Sequence[Column]) -> list[Column]:
-            own = len(arm.constants)
+            constants, *prepared = parted(p, [len(arm.constants), *lengths])
             with blaming(arm):
-                columns = arm.columns(u, p[:own])
+                columns = arm.columns(u, constants)
             with blaming(index):
-                values = [
-                    maximum_of(index.columns(columns, p[own + k * each : own + (k + 1) * each]), 0.0)
-                    for k in range(len(self.members))
-                ]
+                values = [maximum_of(index.columns(columns, own), 0.0) for own in prepared]
             return [*columns.tip, *(where_valid(columns.valid, value, -1.0) for value in values)]
 
         _kernels[key] = Map(function, arm.dof, len(self.constants), dtype, flow, components)

@@ -1,7 +1,8 @@
 """From a stream of samples to filled voxels: sample, evaluate, locate, deposit.
 
 When arm and indices are traced and the backend's ``deposit`` is compiled, the whole flow is one kernel; otherwise
-the same steps run on arrays in larger blocks. Both give each sample to the same cell with the same value.
+the same steps run on arrays in larger blocks, in double precision with one kernel for all that comes after a plugin's
+answers. All give each sample to the same cell with the same value.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from types import ModuleType
 from typing import Any, Protocol
 
@@ -18,8 +20,8 @@ from numba.core.dispatcher import Dispatcher
 from numpy.typing import NDArray
 
 from eiwa.core import reuse, sampling, workspace
-from eiwa.core.dexterity import Family
-from eiwa.core.interfaces import Array, VoxelBackend
+from eiwa.core.dexterity import Family, all_finite
+from eiwa.core.interfaces import Array, TracedArm, VoxelBackend
 from eiwa.core.kernel import on_all_threads, scratch, thread_count
 from eiwa.core.sampling import ARRAY_BLOCK, BLOCK, FILLS, Stream
 from eiwa.core.symbols import empty_rows, stride
@@ -104,21 +106,26 @@ def fill(
         flow(first, last, recorded, store)
         return store
 
-    early, late = range(0, amount.half, CHUNK), range(amount.half, amount.samples, CHUNK)
+    early, late = range(0, max(1, amount.half), CHUNK), range(amount.half, amount.samples, CHUNK)
     earlier, later = iter(early), iter(late)
     halves, wholes = Shelf(backend, len(early)), Shelf(backend, len(late) + 1)
     left: dict[str, Any] = {}
 
     def work(_: int) -> None:
         store, taken = None, 0
-        for first in earlier:
-            store, taken = deposit(store, first), taken + 1
-        store, taken = halves.add(store, taken), 0
-        if store is not None:
-            left["half"], taken = backend.values(store), 1
-        for first in later:
-            store, taken = deposit(store, first), taken + 1
-        store = wholes.add(store, taken)
+        try:
+            for first in earlier:
+                store, taken = deposit(store, first), taken + 1
+            store, taken = halves.add(store, taken), 0
+            if store is not None:
+                left["half"], taken = backend.values(store), 1
+            for first in later:
+                store, taken = deposit(store, first), taken + 1
+            store = wholes.add(store, taken)
+        except BaseException:
+            for _rest in chain(earlier, later):  # nobody goes on
+                pass
+            raise
         if store is not None:
             left["whole"] = store
 
@@ -139,14 +146,15 @@ class Shelf:
 
     def add(self, store: Any, parts: int) -> Any:
         """Leave a store with so many of all parts; the store of all, for whom completes it, else None."""
-        while 0 < parts < self._parts:
-            with self._lock:
-                if not self._left:
-                    self._left.append((store, parts))
-                    return None
+        with self._lock:  # one at a time, so that only one store waits beside those that threads fill
+            if parts and self._left:
                 other, more = self._left.pop()
-            store, parts = self._backend.merge(store, other), parts + more
-        return store
+                store, parts = self._backend.merge(store, other), parts + more
+            if parts == self._parts:
+                return store
+            if parts:
+                self._left.append((store, parts))
+        return None
 
 
 def _parted(
@@ -186,8 +194,10 @@ def reading_flow(family: Family, targets: Sequence[Target], backend: VoxelBacken
     dtype, dof = np.dtype(np.float64), family.arm.dof
     source, components = _source(_READ, family, backend, dtype, results=sum(family.widths))
     kernel, where, drawing = family.reader(source, components), _where(family, targets, dtype), stream.drawing(dof)
-    # Of valid, tips, Jacobians ... the second and, where it is read, the third must be finite.
-    checked = sum(family.widths[: 3 if family.alike and 2 in dict(kernel.read) else 2])
+    # Of valid, tips, Jacobians ... the second and the third must be finite; one that the kernel does not read is looked at here.
+    arrays_read = {k for k, _ in kernel.read}
+    checked = sum(family.widths[: 3 if 2 in arrays_read else 2])
+    unread = 2 not in arrays_read and not isinstance(family.arm, TracedArm)
     credit = _credit(family, targets, backend, dtype)
 
     def flow(first: int, last: int, record: NDArray[Any], store: Any) -> None:
@@ -197,13 +207,13 @@ def reading_flow(family: Family, targets: Sequence[Target], backend: VoxelBacken
         for stop in range(first + ARRAY_BLOCK, last + ARRAY_BLOCK, ARRAY_BLOCK):
             n = max(0, min(ARRAY_BLOCK, last - stop))
             following = empty_rows(-(-n // BLOCK) * BLOCK, dof)
-            kept, table = kernel.layouts(family.answers(u))
-            done = kernel.module.flow(
-                following, np.uint64(stop), *drawing, len(u), table, *reading, *where, *room, store
-            )
-            del kept  # before the next answers, which then come to lie in the same memory, warm in the caches
+            answers = family.answers(u)
+            kept, table = kernel.layouts(answers)
+            fine = len(u) if not unread or all_finite(answers[2]) else 0
+            done = kernel.module.flow(following, np.uint64(stop), *drawing, fine, table, *reading, *where, *room, store)
+            del answers, kept  # before the next ones, which then come to lie in the same memory, warm in the caches
             if done < len(u):  # rows() says what is not finite there
-                credit(family.rows(u[done:]), store)
+                credit(family.rows(u)[:, done:], store)
             u = following[:, :n].T
 
     return flow

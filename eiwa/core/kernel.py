@@ -294,8 +294,6 @@ class Map:
         """The same for several output arrays."""
         *inputs, parameters = arguments
         n, before = len(inputs[0]), self.outputs[0].start
-        if (shapes := [np.shape(array) for array in inputs]) != [(n, width) for width in self.inputs]:
-            raise ValueError(f"arrays of {n} rows must have {self.inputs} columns, not the shapes {shapes}")
         _kept, table = self.layouts(inputs)
         if n <= self.samples:
             w = aligned(self.size, self.dtype)
@@ -312,6 +310,9 @@ class Map:
 
     def layouts(self, inputs: Sequence[NDArray[Any]]) -> tuple[list[NDArray[Any]], NDArray[np.int64]]:
         """The arrays to read, and where :func:`~eiwa.core.compiled.fetch` finds them as long as they are kept."""
+        n = len(inputs[0])
+        if (shapes := [np.shape(array) for array in inputs]) != [(n, width) for width in self.inputs]:
+            raise ValueError(f"arrays of {n} rows must have {self.inputs} columns, not the shapes {shapes}")
         read = [_readable(inputs[k], self.dtype) for k, _ in self.read]
         found = [_layout(array, row) for array, (_, row) in zip(read, self.read, strict=True)]
         return read, np.array(found, np.int64).reshape(len(read), 5)

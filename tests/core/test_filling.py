@@ -9,14 +9,15 @@ from eiwa.core.chain import SerialChain
 from eiwa.core.dexterity import Dexterity, Family, prepare
 from eiwa.core.errors import PluginError, SingularArm
 from eiwa.core.filling import Sampling, Shelf, fill
-from eiwa.core.interfaces import NOTHING
+from eiwa.core.interfaces import NOTHING, TracedIndex
+from eiwa.core.sampling import ARRAY_BLOCK
 from eiwa.core.transforms import roll_pitch_yaw, translation
 from eiwa.core.workspace import Grid, Target
 from eiwa.plugins.dexterity.yoshikawa import Yoshikawa
 from eiwa.plugins.voxels.stores import Dense, Sparse
 from tests import arms
 from tests.arms import ArrayArm
-from tests.core.rig import BACKENDS, PAPER_INDEX, ArrayIndex, fill_one, filled_by_numpy, stream
+from tests.core.rig import BACKENDS, PAPER_INDEX, ArrayIndex, One, fill_one, filled_by_numpy, stream
 
 ARM = arms.paper(limits=(-2.0, 2.0))
 POSE = translation(0.02, 0.3, -0.05) @ roll_pitch_yaw(0.3, 0.2, -1.0)
@@ -195,6 +196,44 @@ def test_untraced_members_of_a_family_are_filled_side_by_side(kind):
         ):
             np.testing.assert_array_equal(one.values, alone.values)
             np.testing.assert_array_equal(one.hits, alone.hits)
+
+
+class Scaled(TracedIndex):
+    """A sum of coordinates, weighed by as many numbers as it is given."""
+
+    structure = "scaled"
+
+    def __init__(self, *weights):
+        self.weights = weights
+
+    def prepare(self, arm, pilot):
+        return np.array(self.weights)
+
+    def columns(self, arm, p):
+        return sum((weight * u for weight, u in zip(p, arm.u, strict=False)), 0.0)
+
+
+@pytest.mark.parametrize("arm", [ARM, ArrayArm(ARM)], ids=["fused", "array"])
+def test_members_may_prepare_different_numbers_of_numbers(arm):
+    for weights in ([(0.3,), (0.1, 0.2, 0.05)], [(0.3, 0.1), (0.2, 0.05)]):
+        members = tuple(prepare(arm, Scaled(*w), 1.0, 0.0) for w in weights)
+        together = fill(Family(members), TARGETS, BACKENDS["mean"], stream(), Sampling(5_000))
+        for member, filled in zip(members, together, strict=True):
+            alone = fill_one(member, TARGETS, BACKENDS["mean"], stream(), Sampling(5_000))
+            np.testing.assert_array_equal(filled[0].values, alone[0].values)
+
+
+def test_indices_may_answer_in_the_same_memory():
+    room = np.empty(1 << 14)
+
+    def answer(factor):
+        return ArrayIndex(lambda at: np.multiply(at.u[:, 0], factor, out=room[: len(at.u)]))
+
+    members = tuple(prepare(ARM, answer(factor), 4.0, 0.0) for factor in (1.0, 2.0))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("EIWA_THREADS", "1")
+        one, two = fill(Family(members), TARGETS, BACKENDS["max"], stream(), Sampling(20_000))
+    np.testing.assert_array_equal(2 * one[0].values, two[0].values)
 
 
 class PlainMax(type(BACKENDS["max"])):
@@ -396,12 +435,51 @@ class SpoiltArm(ArrayArm):
 LATE = {
     "tips": (lambda: (SpoiltArm(ARM, "tips"), PAPER_INDEX), "SpoiltArm .* tips"),
     "Jacobians": (lambda: (SpoiltArm(ARM, "jacobians"), PAPER_INDEX), "SpoiltArm .* Jacobians"),
+    "Jacobians that the index does not read": (lambda: (SpoiltArm(ARM, "jacobians"), One()), "SpoiltArm .* Jacobians"),
     "values": (lambda: (ARM, ArrayIndex(lambda at: np.where(at.u[:, 0] > FAR, np.inf, 1.0))), "ArrayIndex .* values"),
     "values of arrays": (
         lambda: (ArrayArm(ARM), ArrayIndex(lambda at: np.where(at.u[:, 0] > FAR, np.nan, 1.0))),
         "ArrayIndex .* values",
     ),
 }
+
+
+class Forgetful(ArrayArm):
+    """Some postures are lost, or there are too many."""
+
+    change = staticmethod(lambda u: u)
+
+    def postures(self, u):
+        return super().postures(self.change(u))
+
+
+@pytest.mark.parametrize("change", [lambda u: u[:-1], lambda u: np.vstack([u, u])], ids=["fewer", "more"])
+@pytest.mark.parametrize("index", [PAPER_INDEX, untraced_index()[1]], ids=["traced", "array"])
+def test_another_number_of_postures_is_refused(index, change):
+    arm = Forgetful(ARM)
+    dexterity = prepare(arm, index, 1.0, 0.0)
+    arm.change = change
+    with pytest.raises(PluginError, match=r"Forgetful .*: \d+ postures for 4096 points"):
+        fill_one(dexterity, TARGETS, BACKENDS["max"], stream(), Sampling(8192))
+
+
+def test_who_fails_stops_the_others(monkeypatch):
+    """Two threads, 32 blocks of the first half and as many of the second; the third block fails."""
+    monkeypatch.setenv("EIWA_THREADS", "2")
+    calls = []
+
+    def answer(at):
+        if len(at.u) == ARRAY_BLOCK:
+            calls.append(1)
+            if len(calls) == 3:
+                raise ArithmeticError
+        return at.u[:, 0]
+
+    dexterity = prepare(ARM, ArrayIndex(answer), 1.0, 0.0)
+    calls.clear()
+    with pytest.raises(PluginError, match="ArithmeticError"):
+        fill_one(dexterity, TARGETS, BACKENDS["max"], stream(), Sampling(64 * ARRAY_BLOCK))
+    assert len(calls) <= 16
 
 
 @pytest.mark.parametrize(("parts", "message"), LATE.values(), ids=LATE)
