@@ -643,7 +643,7 @@ ROOF_INLINE void run_block(
   deposit(found[1], grid + kCells);
 }
 
-/// The threads' grids, which stay from call to call: fresh pages would cost as much as the second thread gains.
+/// The threads' grids, which stay from call to call and cost no fresh pages.
 template<typename T>
 using Grids = std::vector<std::vector<Cell<T>>>;
 

@@ -192,9 +192,8 @@ def _array_forms(family: Family, case: Case, record: Record, bases: dict[int, Co
     """An arm and an index in plain NumPy within eiwa's flow, and with stored answers what eiwa adds to their own time."""
     postures = case.setup.arm.postures(Stream("plain", 1).points(0, ARRAY_BLOCK, case.joints))
     arrays: dict[str, Any] = {name: np.ascontiguousarray(getattr(postures, name)) for name in STORED}
-    (member,) = (
-        family.members
-    )  # prepared already: a study refuses an index that answers the same to whatever it is asked
+    # Prepared already: a study refuses an index that answers the same to whatever it is asked.
+    (member,) = family.members
     arm, index = StoredArm(case, replace(postures, **arrays)), StoredIndex(abs(arrays["tips"][:, 0]))
     forms = {
         "eiwa, NumPy arm": (case.family(arm=NumpyArm(case)), Family((replace(member, arm=arm),))),

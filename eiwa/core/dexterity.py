@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eiwa.core.compiled import compiled
 from eiwa.core.errors import PluginError, SingularArm, SpecError, blaming, finding, name_of
+from eiwa.core.finite import all_finite
 from eiwa.core.interfaces import (
     NOTHING,
     Arm,
@@ -270,26 +270,6 @@ def _refuse_not_finite(part: object, what: str, values: Array, u: Array, valid: 
         where = np.array2string(u[wrong][0], precision=4, separator=", ")
         many = f"{int(wrong.sum())} of {len(u)} postures, first at u = {where}"
         raise PluginError(f"{name_of(part)}: {what} that are not finite at {many}")
-
-
-def all_finite(values: NDArray[Any]) -> bool:
-    """Whether no entry is NaN or infinite; contiguous doubles at the speed of memory."""
-    line = values if values.flags.c_contiguous else values.T
-    if line.flags.c_contiguous and line.dtype == np.float64:
-        return bool(_largest_exponent(line.reshape(-1).view(np.int64)) < INFINITE)
-    return bool(np.isfinite(values).all())
-
-
-INFINITE = 0x7FF0000000000000
-"""The exponent's bits of a double: all are set in NaN and the infinities alone."""
-
-
-@compiled
-def _largest_exponent(bits: Any) -> Any:
-    most = np.int64(0)
-    for k in range(bits.size):
-        most = max(most, bits[k] & np.int64(0x7FF0000000000000))
-    return most
 
 
 def _refuse_invalid(valid: NDArray[Any], tried: int) -> None:

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from eiwa.core.chain import Coupling
-from eiwa.core.dexterity import Family, all_finite, prepare
+from eiwa.core.dexterity import Family, prepare
 from eiwa.core.elites import refine
 from eiwa.core.errors import SpecError
 from eiwa.core.evaluation import metrics
 from eiwa.core.filling import Sampling, fill
+from eiwa.core.finite import all_finite
 from eiwa.core.reuse import samples
 from eiwa.core.symbols import as_columns
 from eiwa.core.workspace import Grid, Target
